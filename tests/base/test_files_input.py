@@ -37,14 +37,13 @@ URL = "https://example.org/a"
 READERS = {
     "scene": lambda room: at.load(f"{URL}.glb"),
     "frames": lambda room: at.load(URL),
-    "store": lambda room: at.load(f"{URL}.antumbra"),
-    "raster": lambda room: at.from_raster(f"{URL}.tif"),
+    "virtual raster": lambda room: at.from_raster(f"{URL}.vrt"),
     "footprints": lambda room: at.from_footprints(f"{URL}.gpkg"),
-    "terrain": lambda room: at.from_footprints(__file__, terrain=f"{URL}.tif"),
+    "terrain": lambda room: at.from_footprints(__file__, terrain=f"{URL}.asc"),
     "trees": lambda room: at.from_trees(f"{URL}.gpkg", height=3, radius=1),
     "areas": lambda room: at.area_sensors(room, f"{URL}.geojson"),
     "lines": lambda room: at.points_along(f"{URL}.gpkg", 1.0),
-    "cells": lambda room: at.raster_sensors(room, f"{URL}.tif"),
+    "cells": lambda room: at.raster_sensors(room, f"{URL}.vrt"),
     "points": lambda room: at.sensors_of(f"{URL}.csv", room),
     "weather": lambda room: at.sun_hours(room, "face", epw=f"{URL}.epw"),
     "sky": lambda room: at.Sky(f"{URL}.hdr"),
@@ -52,7 +51,7 @@ READERS = {
 
 
 @pytest.mark.parametrize("reader", READERS)
-def test_no_reader_opens_a_url(reader):
+def test_other_readers_than_those_of_geotiffs_and_stores_open_no_url(reader):
     room = at.Scene.from_arrays([[[0, 0, 0], [1, 0, 0], [0, 1, 0]]], up="z")
     with pytest.raises(at.InputError, match=r"is not a local file; download it first: curl -LO https://example.org/a"):
         READERS[reader](room)

@@ -18,7 +18,7 @@ def test_a_file_may_take_what_is_available_and_a_multiple_of_its_size(monkeypatc
     for size, stored in ((1 << 30, 1), (10 << 30, None), (5 << 30, 1 << 28), (10 << 30, 1 << 28)):
         check_reading(size, "a", stored)
     for size, stored, words in (
-        ((1 << 30) + 1, 1, "files of 1 bytes need at most"),
+        ((1 << 30) + 1, 1, "files of 1 byte need at most"),
         ((10 << 30) + 1, None, "what is available"),
         ((10 << 30) + 1, 1 << 28, "what is available"),
         (101 << 24, 1 << 24, "files of 16.8 MB need at most"),

@@ -2,6 +2,7 @@
 
 import io
 import sys
+import time
 
 import pytest
 
@@ -22,9 +23,8 @@ def at_once(monkeypatch):
     monkeypatch.setattr(progress, "UPDATE_PERIOD", 0.0)
 
 
-@pytest.mark.parametrize("stream", [Terminal, Cell])
-def test_watchers_see_a_bar_and_then_nothing(stream, monkeypatch, at_once):
-    monkeypatch.setattr(sys, "stderr", stream())
+def test_a_terminal_shows_a_bar_and_then_nothing(monkeypatch, at_once):
+    monkeypatch.setattr(sys, "stderr", Terminal())
     with progress.show_progress("tracing") as report:
         report(1, 4)
         text = sys.stderr.getvalue()
@@ -32,6 +32,27 @@ def test_watchers_see_a_bar_and_then_nothing(stream, monkeypatch, at_once):
     assert text.startswith("\rantumbra: tracing:  25 % [######------------------] ")
     lines = sys.stderr.getvalue().split("\r")
     assert "100 %" in lines[2] and not lines[3].strip() and lines[4] == ""
+
+
+def test_a_notebook_shows_one_bar_that_moves_and_goes_without_a_red_box(monkeypatch, at_once):
+    display, shown = pytest.importorskip("IPython.display"), []
+
+    class Handle:
+        def update(self, html):
+            shown.append(html.data)
+
+    def show(html, display_id):
+        assert display_id is True and not shown
+        shown.append(html.data)
+        return Handle()
+
+    monkeypatch.setattr(display, "display", show)
+    monkeypatch.setattr(sys, "stderr", Cell())
+    with progress.show_progress("a < b") as report:
+        report(1, 4)
+        report(4, 4)
+    assert shown[0].startswith('a &lt; b <progress value="0.2500"></progress> 25 %, 0 s')
+    assert 'value="1.0000"' in shown[1] and shown[2] == "" and sys.stderr.getvalue() == ""
 
 
 def test_a_bar_appears_although_nothing_is_reported(monkeypatch, at_once):
@@ -81,6 +102,16 @@ def test_short_work_shows_nothing(monkeypatch):
     with progress.show_progress("tracing") as report:
         report(1, 2)
     assert sys.stderr.getvalue() == ""
+
+
+def test_phases_are_measured_by_the_clock_of_the_block():
+    ticks = iter((5.0, 7.0, 8.0))
+    with progress.clocked_by(lambda: next(ticks)):
+        clock = progress.PhaseClock("build", "trace")
+        clock.lap("build")
+        clock.lap("shade")
+    assert clock.timings() == {"build": 2.0, "trace": 0.0, "shade": 1.0, "total": 3.0}
+    assert abs(progress.clock_seconds() - time.perf_counter()) < 60.0
 
 
 def test_runs_one_after_the_other():

@@ -83,7 +83,7 @@ def told(tmp_path, monkeypatch):
             patched.setattr(ray_workers, "precompile_plan_kernels", lambda plan: None)
             patched.chdir(tmp_path)
             worker = ray_workers.Node(1)
-            found = worker.begin(ray_workers.NodeWork(prepare, wanted, "bsah+single", "a.shards"), read)
+            found = worker.begin(ray_workers.NodeWork(prepare, wanted, "bsah+single", "a.shards"), read).signature
             worker.leave()
         return found, fetched
 

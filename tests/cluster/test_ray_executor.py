@@ -6,6 +6,8 @@ pytest -n 0 -m cluster
 import os
 import signal
 import socket
+import time
+from collections import namedtuple
 from pathlib import Path
 
 import numpy as np
@@ -13,17 +15,36 @@ import pytest
 import rasterio
 
 import antumbra as at
+from antumbra.work import estimates
 from ray_nodes import CITY, FRAMES, worker_pids
 
 ray = pytest.importorskip("ray", reason="tests of clusters need Ray: pip install 'antumbra[ray]'")
 pytestmark = pytest.mark.cluster
 
 JOBS = {
-    "sun": ("sun", CITY, "--latitude", 52, "--longitude", 4.36, "--days", "2026-03-21", "--sky", 16, "-o", "a.csv"),
+    "sun": (
+        "sun",
+        CITY,
+        "--latitude",
+        52,
+        "--longitude",
+        4.36,
+        "--days",
+        "2026-03-21",
+        "--sky-view",
+        16,
+        "-o",
+        "a.csv",
+    ),
+    "partitions": (
+        *("sun", CITY, "--latitude", 52, "--longitude", 4.36, "--days", "2026-03-21", "--step", 120),
+        *("--sensors", "raster:2", "-o", "a.parquets"),
+    ),
     "bake": ("bake", CITY, "-o", "a.glb", "--spp", 4),
     "matrix": ("matrix", CITY, "--sensors", "face", "-o", "a.npy"),
     "picture": ("render", CITY, "--size", "80x100", "--preset", "final", "--spp", 4, "-o", "a.exr"),
     "frames": FRAMES,
+    "store": ("build", CITY, "-o", "a.antumbra"),
     "data set": ("dataset", CITY, "-o", "set", "--random", 5, "--random-lights", 1, "--size", "24x24", "--spp", 2),
 }
 
@@ -31,6 +52,23 @@ JOBS = {
 @pytest.mark.parametrize("job", JOBS)
 def test_every_job_has_the_bytes_of_the_whole(same, job):
     same(*JOBS[job], "-q")
+
+
+def test_a_worker_tells_before_the_work_what_its_parts_take(same, monkeypatch):
+    monkeypatch.setattr(estimates, "_LONG", 0.0)
+    told = same("sun", CITY, *JOBS["sun"][2:8], "--step", 240, "--sensors", "raster:0.25", "-o", "a.parquets")
+    (line,) = [line for line in told.err.splitlines() if "more parts take" in line]
+    assert " of one worker, " in line and " on disk (estimated from a sample of 2,048)" in line
+
+
+def test_results_that_do_not_fit_here_are_refused_once_a_worker_has_sampled_them(cli, monkeypatch, tmp_path, nodes):
+    monkeypatch.chdir(tmp_path)
+    usage = namedtuple("usage", "total used free")
+    words = ("sun", CITY, *JOBS["sun"][2:8], "--step", 240, "--sensors", "raster:0.25", "-o", "a.parquets")
+    monkeypatch.setattr(estimates.shutil, "disk_usage", lambda folder: usage(0, 0, 70_000))
+    done = cli(*words, "--ray", nodes.cluster.address)
+    assert done.code == 2 and "more parts of the suns" in done.err and "its disk has 70.0 kB left" in done.err, done
+    assert len(list(tmp_path.rglob("*.parquet"))) < 15, "of 20; other workers do not wait for the sample"
 
 
 def test_files_that_other_arguments_name(same):
@@ -76,7 +114,7 @@ def test_nothing_is_left_running(nodes, same):
     for _ in range(100):
         if not worker_pids() and ray.available_resources().get("CPU") == 2.0:
             break
-        ray.wait([ray.put(0)], timeout=0.1)
+        time.sleep(0.1)
     assert not worker_pids() and ray.available_resources()["CPU"] == 2.0
 
 

@@ -13,10 +13,13 @@ import pytest
 
 import antumbra as at
 from antumbra.cluster import ray_workers, worker_pool
+from antumbra.cluster.worker_pool import WorkerPool, WorkerState
 from ray_nodes import CITY, FRAMES, started, worker_pids
 
 ray = pytest.importorskip("ray", reason="tests of clusters need Ray: pip install 'antumbra[ray]'")
 pytestmark = pytest.mark.cluster
+
+BUILD = "build", CITY, "-o", "a.antumbra"
 
 
 def stop_workers(count):
@@ -27,6 +30,52 @@ def stop_workers(count):
 def test_idle_workers_repeat_the_parts_of_a_stopped_one(disturbed, monkeypatch):
     monkeypatch.setattr(worker_pool, "_SILENCE", 1e9)
     disturbed(FRAMES, lambda: stop_workers(1))
+
+
+def test_workers_stay_for_all_stages_of_a_build(same, monkeypatch):
+    finish, done = WorkerPool._finish_unit, []
+
+    def finish_unit(pool, number, answer, worker):
+        finish(pool, number, answer, worker)
+        done.append((number, worker.node, worker.actor))
+
+    monkeypatch.setattr(WorkerPool, "_finish_unit", finish_unit)
+    same(*BUILD)
+    assert {number for number, _, _ in done} == {0, 1, 2}  # to read, to sort, to make chunks
+    assert len({actor for _, _, actor in done}) == len({node for _, node, _ in done})
+
+
+def test_copies_of_an_earlier_stage_do_not_count(same, monkeypatch):
+    monkeypatch.setattr(worker_pool, "_LONG", -1.0)  # the idle worker repeats the only part of each stage at once
+    assign, begin_again, stale = WorkerPool._assign, WorkerPool._begin_again, []
+
+    def assign_to_both(pool):
+        if [each.step for each in pool._workers.values()] == [WorkerState.WORK] * 2:
+            assign(pool)
+
+    def counted(pool):
+        begin_again(pool)
+        stale.extend(call for call in pool._pending.values() if call.is_stale)
+
+    monkeypatch.setattr(WorkerPool, "_assign", assign_to_both)
+    monkeypatch.setattr(WorkerPool, "_begin_again", counted)
+    assert "Unhandled" not in same(*BUILD, "-q").err
+    assert len(stale) >= 2
+
+
+def test_a_worker_that_is_lost_between_stages_is_replaced(same, monkeypatch):
+    do, stages = WorkerPool.do, []
+
+    def kill_and_do(pool, work, numbers):
+        if stages:
+            for pid in worker_pids(1):
+                os.kill(pid, signal.SIGKILL)
+        stages.append(numbers)
+        do(pool, work, numbers)
+
+    monkeypatch.setattr(WorkerPool, "do", kill_and_do)
+    assert "was lost (its process has ended)" in same(*BUILD).err
+    assert stages == [[0], [1], [2]]
 
 
 @pytest.mark.parametrize(

@@ -35,7 +35,7 @@ def sample(suffix, folder):
         return gis_files.write_raster(path, gis_files.hills())
     if suffix in FOOTPRINTS.suffixes:
         return gis_files.write_buildings(path)
-    if suffix == ".antumbra":
+    if suffix in (".antumbra", ".tiles"):
         at.build_store(at.procedural("atrium", triangles=2000), path)
         return path
     if suffix == "":

@@ -92,6 +92,51 @@ def test_a_face_has_the_mean_colour_of_its_part_of_a_texture(v, shade):
     assert scene.appearance.uv.shape == (4, 3, 2) and scene.appearance.textured.all()
 
 
+def _square(**fields):
+    """A square of four faces with texture coordinates and a PBRMaterial, in a trimesh scene with y up."""
+    corners = np.array([[x, 0.0, z] for z in (-1.0, 0.0, 1.0) for x in (-1.0, 1.0)])
+    uv = [[(x + 1.0) / 2.0, (z + 1.0) / 2.0] for x, _, z in corners]
+    material = trimesh.visual.material.PBRMaterial(name="m", **fields)
+    faces = [[0, 2, 1], [1, 2, 3], [2, 4, 3], [3, 4, 5]]
+    visual = trimesh.visual.TextureVisuals(uv=uv, material=material)
+    return trimesh.Scene(trimesh.Trimesh(corners, faces, visual=visual, process=False))
+
+
+_NOISE = Image.fromarray(np.random.default_rng(3).integers(60, 250, (8, 8, 3), np.uint8))
+_PBR = {
+    "factors": {"metallicFactor": 0.3, "roughnessFactor": 0.4},
+    "the defaults of glTF": {},
+    "a map of metal and roughness": {"metallicRoughnessTexture": _NOISE},
+    "a normal map": {"metallicFactor": 0.0, "normalTexture": _NOISE},
+    "occlusion": {"metallicFactor": 0.0, "occlusionTexture": _NOISE},
+    "emission": {"metallicFactor": 0.0, "emissiveFactor": [0.5, 0.25, 1.0], "emissiveTexture": _NOISE},
+}
+
+
+@pytest.mark.parametrize("fields", _PBR.values(), ids=_PBR)
+def test_materials_of_trimesh_look_like_the_gltf_file_that_trimesh_writes(fields, tmp_path):
+    made = _square(baseColorFactor=[200, 120, 40, 255], baseColorTexture=_NOISE, **fields)
+    made.export(tmp_path / "square.glb")
+    scenes = at.load(made, up="y"), at.load(tmp_path / "square.glb")
+    camera = at.Camera((0.3, 2.0, 2.2), (0.0, 0.0, 0.0), width=40, height=30)
+    lamp = at.PointLight((0.4, 1.5, -0.8), intensity=3.0)
+    ours, files, diffuse = (
+        at.render(scene, camera, [lamp], spp=1, materials=materials).image
+        for scene, materials in zip((*scenes, scenes[0]), ("pbr", "pbr", "diffuse"))
+    )
+    np.testing.assert_array_equal(ours, files)
+    assert not np.array_equal(ours, diffuse)
+
+
+def test_simple_and_rough_materials_of_trimesh_are_diffuse():
+    simple = trimesh.visual.material.SimpleMaterial(diffuse=[10, 200, 30, 255])
+    rough = trimesh.visual.material.PBRMaterial(metallicFactor=0.0, roughnessFactor=1.0)
+    for material in simple, rough:
+        visual = trimesh.visual.TextureVisuals(uv=np.zeros((4, 2)), material=material)
+        looks = at.load(tetrahedron(visual=visual)).appearance
+        assert looks is None or looks.pbr is None
+
+
 def test_each_node_of_a_trimesh_scene_is_an_object():
     scene, moved = trimesh.Scene(), trimesh.transformations.translation_matrix([5.0, 0.0, 0.0])
     scene.add_geometry(tetrahedron(), node_name="here", geom_name="t")
@@ -106,7 +151,7 @@ def test_each_node_of_a_trimesh_scene_is_an_object():
 def test_cells_of_meshio():
     square = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0], [1, 0.5], [0.5, 0.5]], float)
     cells = ("quad", [[0, 1, 2, 3]]), ("triangle6", [[0, 1, 2, 4, 5, 6]]), ("line", [[0, 1]]), ("tetra", [[0, 1, 2, 3]])
-    with pytest.warns(UserWarning, match="1 cells of kind 'tetra' were left out"):
+    with pytest.warns(UserWarning, match="left out 1 cell of kind 'tetra'"):
         made = at.load(meshio_mesh(*cells, points=square))
     flat = np.column_stack([square, np.zeros(7)])
     assert_at(made, flat[[[0, 1, 2], [0, 2, 3], [0, 1, 2]]])
@@ -129,7 +174,7 @@ def test_blocks_of_pyvista_are_objects():
 @pytest.mark.parametrize(
     "mesh, words",
     [
-        (None, "scene is a NoneType; give the path of a file, a scene, or a mesh of trimesh"),
+        (None, "scene is a NoneType; give the path of a file, a scene, a DataArray, or a mesh of trimesh"),
         (np.zeros((3, 3)), "arrays go to Scene.from_arrays"),
         (trimesh.Trimesh(), "the Trimesh has no triangles"),
         (meshio_mesh(("hexahedron", [[0, 1, 2, 3, 0, 1, 2, 3]])), "has no triangles.*extract_surface"),

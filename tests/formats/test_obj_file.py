@@ -230,3 +230,39 @@ def test_names_in_another_encoding(tmp_path):
     text = "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl caf\xe9\nf 1 2 3\nusemtl b\nf 1 3 2\n"
     scene = load(put(tmp_path, "a.obj", text.encode("cp1252")))
     assert [mesh.name for mesh in scene.meshes] == ["b", "café"] and scene.colours.tolist() == [[1, 1, 1], [1, 0, 0]]
+
+
+# --- Emission, normal maps, metalness and roughness -------------------------------------------------------------------
+
+
+def obj_with(folder, lines):
+    (folder / "m.mtl").write_text("newmtl a\n" + lines)
+    (folder / "a.obj").write_text(
+        "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl a\nf 1/1 2/2 3/3\n"
+    )
+    (folder / "n.png").write_bytes(png(np.full((2, 2, 3), (128, 128, 255), np.uint8)))
+    return load(folder / "a.obj")
+
+
+def test_mtl_files_have_emission_normal_maps_metalness_and_roughness(tmp_path):
+    scene = obj_with(tmp_path, "Kd 1 1 1\nKe 2 0.5 0\nmap_Ke n.png\nnorm -bm 0.25 n.png\nPm 0.75\nPr 0.5\n")
+    (pbr,) = scene.appearance.pbr
+    assert (pbr.metallic, pbr.roughness, pbr.normal_scale, pbr.emission) == (0.75, 0.5, 0.25, (2.0, 0.5, 0.0))
+    assert pbr.normal_map.texture.holds_data and not pbr.emission_map.texture.holds_data
+    assert scene.notes == () and scene.appearance.hands.tolist() == [1.0]
+
+
+def test_a_map_of_emission_alone_shines_as_it_is(tmp_path):
+    (pbr,) = obj_with(tmp_path, "map_Ke n.png\n").appearance.pbr
+    assert pbr.emission == (1.0, 1.0, 1.0)
+
+
+def test_materials_without_these_are_diffuse(tmp_path):
+    assert obj_with(tmp_path, "Kd 0.5 0.5 0.5\nKe 0 0 0\nKs 1 1 1\nNs 50\n").appearance is None
+
+
+def test_unread_maps_are_noted(tmp_path):
+    with pytest.warns(UserWarning, match="left out"):
+        scene = obj_with(tmp_path, "Kd 1 1 1\nmap_bump n.png\nmap_Pr n.png\nnorm gone.png\n")
+    notes = " ".join(scene.notes)
+    assert "left out: bump maps, maps of metalness and roughness" in notes and "'gone.png'" in notes

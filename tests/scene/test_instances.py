@@ -63,7 +63,7 @@ def test_few_copies_are_flattened_unless_asked_for(monkeypatch):
         ([block()], [np.full((1, 3, 4), np.nan)], "NaN"),
         ([block()], [np.zeros((1, 3, 4))], "instance 0 of mesh .* without inverse"),
         ([block()], [np.eye(4)[None] * 2], "affine"),
-        ([block()], [], "1 meshes, 0 arrays of transforms"),
+        ([block()], [], "1 mesh, 0 arrays of transforms"),
         ([np.zeros((3, 4))], [np.eye(4)[None]], "vertices must be numbers"),
         ([block()], [np.zeros((0, 4, 4))], "no triangles"),
         (block()[0], "x", "transforms is a str"),

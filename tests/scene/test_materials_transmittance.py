@@ -19,7 +19,7 @@ def room(**material):
     file = Gltf()
     square = np.array([[-1, 0, -1], [-1, 0, 1], [1, 0, 1], [-1, 0, -1], [1, 0, 1], [1, 0, -1]], np.float32)
     pane = file.add("materials", name="pane", **material)
-    floor = file.add("materials", name="floor")
+    floor = file.add("materials", name="floor", pbrMetallicRoughness={"metallicFactor": 0})
     file.node(name="window", mesh=file.mesh(file.primitive(square + np.float32([0, 1, 0]), material=pane)))
     file.node(name="ground", mesh=file.mesh(file.primitive(4 * square, material=floor)))
     return file.glb()

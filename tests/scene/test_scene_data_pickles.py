@@ -30,7 +30,11 @@ def things(tmp_path_factory):
     given += [at.Turbine((0, 0, 0), 2.0, 1.0), at.points_along([(0, 0), (1, 0)], 0.5)]
     given += [at.view_factors(scene, "object", samples=64), at.scene_change(scene, scene)]
     given += [at.Renderer(scene), at.raster_sensors(scene, 2.0), at.raster_sensors(scene, 2.0).raster]
-    given += [scene.unit, at.skyline(scene, (0, 1, 0), step=30.0), at.shadow(scene, at="2026-06-21T12:00", place=place)]
+    given += [
+        scene.unit,
+        at.skyline(scene, (0, 1, 0), azimuth_step=30.0),
+        at.shadow(scene, at="2026-06-21T12:00", place=place),
+    ]
     module, index = at.PvModule((0, 1, 0)), pandas.date_range("2026-06-21", periods=4, freq="6h", tz="UTC")
     given += [module, at.module_shading(scene, module, index, place=place), at.Sheet(project="a")]
     given += [at.sun_calendar(scene, (0, 1, 0), "2026-06-21", place=place)]

@@ -6,6 +6,7 @@ import pytest
 
 import antumbra as at
 from antumbra import InputError
+from antumbra.scene.sky import with_rays
 
 SUNNY = np.full((16, 32, 3), 0.1)
 SUNNY[4, 20] = (400.0, 300.0, 200.0)
@@ -109,3 +110,23 @@ def test_a_damaged_exr_is_one_error_and_nothing_else(tmp_path, capfd):
             at.Sky(path)
         assert str(caught.value).isprintable()
     assert capfd.readouterr() == ("", "")
+
+
+def test_a_sky_has_as_many_rays_a_pixel_as_other_lights():
+    sky, lamp = at.Sky((0.2, 0.4, 0.8), turn=30.0, up="z").named("dome"), at.PointLight((0, 1, 0))
+    fine = with_rays(sky, 64)
+    assert (fine.count, fine.turn, fine.up, fine.name) == (1024, 30.0, "z", "dome")
+    assert (fine.map == sky.map).all() and fine.intensities.sum() == pytest.approx(sky.intensities.sum())
+    assert with_rays(sky, 4).count == 256 and with_rays(lamp, 64) is lamp
+    alone = at.Sky(count=100, interleave=False)
+    assert with_rays(alone, 64) is alone
+
+
+def test_a_sky_of_another_number_of_lights_shares_its_map_and_keeps_its_image(monkeypatch):
+    sky = at.Sky(np.random.default_rng(1).uniform(0.1, 2.0, (4, 8, 3)), turn=20.0, up="z").named("dome")
+    assert len(sky.points) == 256  # which are cached from now on
+    monkeypatch.setattr("antumbra.scene.sky._map_of", None)  # the map is not made again
+    fine = sky.resampled(512)
+    assert fine.map is sky.map and fine.image is sky.image and (fine.name, fine.turn) == ("dome", 20.0)
+    assert (len(fine.points), len(fine.intensities), len(sky.points)) == (512, 512, 256)
+    assert not sky.resampled(32, interleave=False).interleave and sky.interleave

@@ -1,4 +1,4 @@
-"""An unfinished build leaves nothing that opens. The next build removes the files of a killed one."""
+"""An unfinished build leaves nothing that opens, and parts from which the same command resumes."""
 
 import os
 import signal
@@ -49,12 +49,13 @@ def run(folder, *words):
 @pytest.mark.parametrize("phase, name", [("reading", "SIGKILL"), ("building", "SIGKILL"), ("building", "SIGTERM")])
 def test_killed(tmp_path, phase, name):
     assert interrupted(tmp_path, phase, name).returncode == -getattr(signal, name)
-    left = sorted(os.listdir(tmp_path))
-    assert [os.path.splitext(n)[1] for n in left] == [".lock", ".tmp"][: 1 + (phase == "building")]
-    for name in left:
-        assert name.startswith(".antumbra-")
-        with pytest.raises(at.InputError, match=r"not finished|empty"):
-            open_store(tmp_path / name)
+    assert os.listdir(tmp_path) == ["a.parts"]
+    records = list((tmp_path / "a.parts").rglob("*.npz"))
+    assert len(records) == (2 if phase == "building" else 0)
+    for path in tmp_path.rglob("*.*"):
+        if path.is_file():
+            with pytest.raises(at.InputError, match=r"not finished|empty|not a store"):
+                open_store(path)
     again = run(tmp_path, "-m", "antumbra")
     assert again.returncode == 0, again.stderr
     assert os.listdir(tmp_path) == ["a.antumbra"]
@@ -70,14 +71,17 @@ def test_control_c(tmp_path, phase):
     (tmp_path / "a.antumbra").write_bytes(b"older")
     done = interrupted(tmp_path, phase, "SIGINT")
     assert (done.returncode, done.stdout) == (130, "")
-    assert [line for line in done.stderr.splitlines() if "compiling" not in line] == ["antumbra: interrupted"]
-    assert os.listdir(tmp_path) == ["a.antumbra"] and (tmp_path / "a.antumbra").read_bytes() == b"older"
+    *notes, last = [line for line in done.stderr.splitlines() if "compiling" not in line]
+    assert last == "antumbra: interrupted" and len(notes) <= (phase == "building")
+    assert all("parts are done; run it again to resume from there" in note for note in notes)
+    assert sorted(os.listdir(tmp_path)) == ["a.antumbra", *(["a.parts"] * (phase == "building"))]
+    assert (tmp_path / "a.antumbra").read_bytes() == b"older"
 
 
-@pytest.mark.parametrize("room", [10_000, 300_000, 1_500_000])
+@pytest.mark.parametrize("room", [10_000, 300_000, 900_000])
 def test_a_full_disk(tmp_path, room):
     resource = pytest.importorskip("resource", reason="no RLIMIT_FSIZE on this system")
-    scene = soup_scene(scattered(20_000))  # 720 kB of vertices, and a store of twice that
+    scene = soup_scene(scattered(20_000))  # 720 kB of vertices, and a store of more
     build_store([scene], tmp_path / "b.antumbra", chunk=1024)  # this also compiles the kernels
     (tmp_path / "b.antumbra").unlink()
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -106,7 +110,7 @@ def test_the_header_comes_last(tmp_path, monkeypatch):
     states = []
 
     def sync(descriptor):
-        states.extend(path.read_bytes() for path in tmp_path.glob(".antumbra-*.tmp"))
+        states.extend(path.read_bytes() for path in tmp_path.glob(".antumbra-*.tmp") if path.is_file())
 
     monkeypatch.setattr(os, "fsync", sync)
     build_store([soup_scene(scattered(2000))], tmp_path / "a.antumbra", chunk=256)

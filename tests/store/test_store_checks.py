@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.store.store_format import PAGE, Chunk, Chunks, StoreMeta
+from antumbra.store.store_format import OLDEST, PAGE, Chunk, Chunks, StoreMeta
 from bvh_scenes import terrain
 from forged_stores import ARRAYS, COUNT_FIELDS, HEADER_FIELDS, ForgedStore
 from stores import CHUNK, built, soup_scene
@@ -69,7 +69,8 @@ def test_forged_header(whole, field):
     for value in (0, 1, 2, PAGE, PAGE + 1, *LARGE, len(whole[1]) - 1, len(whole[1]) + 1):
         forged = ForgedStore(whole[1])
         forged.header[field] = value & (2**32 - 1 if field in ("version", "complete", "crc") else 2**64 - 1)
-        check_forged(whole, forged, refused=forged.data != right.data)
+        is_other = forged.data != right.data and (field, value) != ("version", OLDEST)  # version 2 is read, too
+        check_forged(whole, forged, refused=is_other)
 
 
 @pytest.mark.parametrize("field", COUNT_FIELDS)
@@ -103,7 +104,7 @@ def test_forged_boxes_and_roots_of_the_table(whole, field):
 
 def test_every_field_of_the_table_is_forged():
     assert set(Chunks._fields) == {"offset", "bytes", "triangles", "nodes", "colours", "box", "root", "crc"}
-    assert {"palette", "palette_rows"} < set(ARRAYS) and Chunk._fields == ("bvh", "palette", "palette_rows")
+    assert {"palette", "palette_rows"} < set(ARRAYS) and Chunk._fields == ("tree", "palette", "palette_rows")
 
 
 def test_chunks_of_a_table_in_another_order(whole):
@@ -159,7 +160,7 @@ def test_a_tree_that_is_too_deep_is_refused(whole):
     nodes, links = arrays["nodes"], arrays["links"]
     links[:, 12], links[:, 13] = np.arange(1, len(nodes) + 1), ~0
     links[-1, 12] = ~8
-    assert len(nodes) > 20
+    assert len(nodes) > 5
     check_forged(whole, forged.seal(), refused=True)
 
 

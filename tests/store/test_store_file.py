@@ -1,6 +1,7 @@
 """Stores are read as they were written, bit for bit. The scenes alone decide the bytes."""
 
 import json
+import pickle
 import subprocess
 import sys
 import weakref
@@ -18,12 +19,14 @@ from antumbra.generate.generated_scene import StreamedCity
 from antumbra.scene.light_lists import PointLights
 from antumbra.scene.lights import AmbientOcclusion, DirectionalLight, DiskLight, PointLight, QuadLight, SphereLight
 from antumbra.scene.mesh import Piece
+from antumbra.store.read_units import ReadUnit
 from antumbra.store.staging_files import palette_of
 from antumbra.store.store_build import PieceSizes, write_store
 from antumbra.store.store_file import open_store
 from antumbra.store.store_format import StoreMeta, meta_from_json, meta_to_json
 from bvh_scenes import HAZARDS, scattered, terrain
 from formats.test_format_registry import sample
+from range_server import serving
 from stores import CHUNK, built, check_whole, contents, mesh_piece, same_bits, scene_of, soup_scene
 
 RNG = np.random.default_rng(5)
@@ -90,8 +93,8 @@ def test_neither_memory_nor_threads_change_a_byte(tmp_path, name):
     path = built(tmp_path, SCENES[name], threads=1).path
     once = path.read_bytes()
     assert built(tmp_path, SCENES[name], threads=3).path.read_bytes() == once
-    split = PieceSizes(staged=7, sorted=50)
-    write_store([SCENES[name].data], path, threads=2, chunk=CHUNK, sizes=split)
+    split = PieceSizes(staged=7, run=50, unit=200)
+    write_store([ReadUnit(lambda: [SCENES[name].data])], path, threads=2, chunk=CHUNK, sizes=split)
     assert path.read_bytes() == once
     assert built(tmp_path, SCENES[name], chunk=CHUNK + 1).path.read_bytes() != once
 
@@ -177,15 +180,15 @@ def test_palettes():
 def test_chunks_are_read_into_memory_of_their_own(tmp_path):
     store = built(tmp_path, at.procedural("cellar", triangles=20_000), chunk=4096)
     memory, chunks = store.memory(), [store.chunk(k) for k in range(len(store))]
-    assert all(c.bvh.nodes.ctypes.data % 64 == 0 and np.shares_memory(c.bvh.nodes, c.bvh.links) for c in chunks)
-    assert all(a.flags.c_contiguous and a.flags.aligned and type(a) is np.ndarray for c in chunks for a in c.bvh)
+    assert all(c.tree.nodes.ctypes.data % 64 == 0 and np.shares_memory(c.tree.nodes, c.tree.links) for c in chunks)
+    assert all(a.flags.c_contiguous and a.flags.aligned and type(a) is np.ndarray for c in chunks for a in c.tree)
     for k, chunk in enumerate(chunks):  # the memory of the caller is used again
         again = store.chunk(k, memory)
-        assert np.shares_memory(again.bvh.corners, memory) and same_bits(again.bvh.corners, chunk.bvh.corners)
-    before = [c.bvh.corners.copy() for c in chunks]
+        assert np.shares_memory(again.tree.corners, memory) and same_bits(again.tree.corners, chunk.tree.corners)
+    before = [c.tree.corners.copy() for c in chunks]
     store.path.write_bytes(b"")
     store.close()
-    assert all((c.bvh.corners == b).all() for c, b in zip(chunks, before))  # arrays outlive the store and the file
+    assert all((c.tree.corners == b).all() for c, b in zip(chunks, before))  # arrays outlive the store and the file
     with pytest.raises(at.InputError, match="is closed"):
         store.chunk(0)
 
@@ -287,3 +290,78 @@ def test_a_store_of_any_raster_has_the_bounds_of_its_scene(tmp_path, heights):
     place = (2.0, 0.0, 1e5, 0.0, 2.0, 45e4) if heights == "south up" else gis_files.PLACE
     written = hills.astype(np.int16) if heights == "scaled" else hills
     return written_as_it_is(tmp_path, gis_files.write_raster(path, written, place, **more))
+
+
+# --- Stores at URLs ---------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def town(tmp_path, monkeypatch):
+    """A server of a store of many chunks, and the store."""
+    pytest.importorskip("obstore", reason="stores at URLs need antumbra[cloud]: NOT checked")
+    (tmp_path / "web").mkdir()
+    build_store(at.procedural("city", triangles=6000), tmp_path / "web" / "town.antumbra", chunk=CHUNK)
+    with serving(tmp_path / "web", monkeypatch) as server:
+        yield server, tmp_path / "web" / "town.antumbra"
+
+
+def test_a_store_at_a_url_answers_as_the_file_and_is_read_as_far_as_rays_go(town):
+    server, path = town
+    local, remote = at.load(path), at.load(f"{server.url}/town.antumbra")
+    opening = server.sent
+    assert remote.n_triangles == local.n_triangles and same_bits(remote.bounds, local.bounds)
+    low, high = local.bounds
+    origins = np.linspace(low, high, 9) * [1.0, 0.0, 1.0] + [0.0, high[1] + 1.0, 0.0]
+    found, expected = (each.closest_hit(origins, (0.0, -1.0, 0.0)) for each in (remote, local))
+    assert same_bits(found.t, expected.t) and (found.face == expected.face).all() and np.isfinite(found.t).any()
+    assert 0 < server.sent - opening < path.stat().st_size / 2
+    assert server.paths() == {"/town.antumbra"}
+
+
+def test_a_store_at_a_url_is_checked_and_pickled_as_the_file(town):
+    server, path = town
+    store, local = open_store(f"{server.url}/town.antumbra"), open_store(path)
+    assert store.size == path.stat().st_size and len(store) == len(local) > 9
+    for k in range(0, len(store), 5):
+        assert same_bits(store.chunk(k).tree.corners, local.chunk(k).tree.corners)
+    again = pickle.loads(pickle.dumps(store))
+    assert again.path == store.path and same_bits(again.chunk(3).tree.nodes, local.chunk(3).tree.nodes)
+    data = bytearray(path.read_bytes())
+    data[int(store.chunks.offset[4]) + 9] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(at.InputError, match=r"town\.antumbra: chunk 4 of .* is damaged"):
+        store.chunk(4)
+    path.write_bytes(data[:-4096])
+    with pytest.raises(at.InputError, match=r"town\.antumbra: cannot be read from|is cut short"):
+        open_store(f"{server.url}/town.antumbra")
+    store.close()
+    with pytest.raises(at.InputError, match="is closed"):
+        store.chunk(0)
+
+
+def test_object_storage_is_read_with_the_settings_of_the_environment(town, monkeypatch):
+    server, path = town
+    (path.parent / "bucket").mkdir()
+    path.rename(path.parent / "bucket" / "town.antumbra")
+    settings = {"AWS_ENDPOINT_URL": server.url, "AWS_ALLOW_HTTP": "true", "AWS_SKIP_SIGNATURE": "true"}
+    for name, value in {**settings, "AWS_REGION": "us-east-1"}.items():
+        monkeypatch.setenv(name, value)
+    assert at.load("s3://bucket/town.antumbra").n_triangles > 5000
+    assert server.paths() == {"/bucket/town.antumbra"}
+
+
+def test_a_command_describes_and_studies_a_store_at_a_url(town, cli):
+    server, path = town
+    for form in ("info", "--check", "--json"), ("viewshed", "--observer", "0,9,0", "--sensors", "raster:9", "--json"):
+        name, *words = form
+        answers = [cli(name, each, *words).json() for each in (path, f"{server.url}/town.antumbra")]
+        for answer in answers:
+            answer.pop("source", None), answer.pop("load", None), answer.pop("seconds", None)
+        assert answers[0] == answers[1] and len(answers[0]) > 3
+
+
+def test_a_missing_store_at_a_url_is_one_line_with_the_remedy(town):
+    server, _ = town
+    with pytest.raises(at.InputError, match=r"no\.antumbra: cannot be read from .*check the URL") as caught:
+        at.load(f"{server.url}/no.antumbra")
+    assert "\n" not in str(caught.value)

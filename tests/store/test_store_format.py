@@ -1,6 +1,7 @@
 """Any damage is found, when a store is opened or a chunk is checked, and reported in one line."""
 
 import json
+import os
 import zlib
 
 import numpy as np
@@ -9,6 +10,7 @@ from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 import antumbra as at
+from antumbra.store import store_file
 from antumbra.store.store_file import open_store
 from antumbra.store.store_format import (
     COUNTS,
@@ -123,10 +125,13 @@ def test_metadata_that_are_written_again_are_read(whole):
 @pytest.mark.parametrize(
     "change, words",
     [
-        (lambda d: with_header(d, version=0), "store of version 0, and this antumbra reads version 1; build it again"),
         (
-            lambda d: with_header(d, version=2),
-            "version 2, and this antumbra reads version 1; upgrade antumbra, or build",
+            lambda d: with_header(d, version=1),
+            "version 1, and this antumbra reads versions 2 to 3; build it again",
+        ),
+        (
+            lambda d: with_header(d, version=4),
+            "version 4, and this antumbra reads versions 2 to 3; upgrade antumbra, or build",
         ),
         (lambda d: with_meta(d, seasons=4), "does not know; upgrade antumbra, or build it again"),
         (lambda d: with_meta(d, lights=[{"type": "Lava", "colour": [1, 1, 1]}]), "does not know; upgrade antumbra"),
@@ -179,7 +184,7 @@ def test_no_file(tmp_path):
 
 
 def test_damage_after_the_store_was_opened(whole):
-    """Chunks are checked each time they are read, also if the file shrinks meanwhile."""
+    """`check` reads a chunk again, also if the file shrinks meanwhile."""
     path, data = whole
     path.write_bytes(data)
     with open_store(path) as store:
@@ -197,3 +202,28 @@ def test_damage_after_the_store_was_opened(whole):
             store.check(last)
         store.check(0)
     path.write_bytes(data)
+
+
+def test_a_chunk_is_checked_when_it_is_first_read_and_again_once_the_file_has_changed(whole, monkeypatch):
+    path, data = whole
+    path.write_bytes(data)
+    checked, check = [], store_file.chunk_fault
+    monkeypatch.setattr(store_file, "chunk_fault", lambda *chunk: checked.append(1) or check(*chunk))
+    with open_store(path) as store:
+        for k in (0, 0, 1, 0, 1):
+            store.chunk(k)
+        assert len(checked) == 2
+        place = int(store.chunks.offset[0]) + 90
+        for byte in (data[place] ^ 4, data[place]):
+            with path.open("r+b") as stream:
+                stream.seek(place)
+                stream.write(bytes([byte]))
+            os.utime(path, ns=(0, 10**18 + byte))  # clocks of file systems are coarse
+            if byte == data[place]:
+                store.chunk(0)
+            else:
+                with pytest.raises(at.InputError, match=r"chunk 0 of .* is damaged; copy the file again"):
+                    store.chunk(0)
+        assert len(checked) == 3
+        store.chunk(1)
+        assert len(checked) == 4

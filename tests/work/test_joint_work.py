@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from antumbra.base.errors import InputError
-from antumbra.work.executors import LocalExecutor, ShardExecutor, ShardIndex, write_shard_record
+from antumbra.base.errors import UnavailableError
+from antumbra.work.executors import LocalExecutor, ShardExecutor, ShardIndex, traced_share, write_shard_record
 from antumbra.work.joint_work import both_results
 from antumbra.work.work_parts import Parts, ShardMerge, about_parts
 
@@ -50,11 +50,11 @@ def test_an_interrupted_run_continues_in_the_second_study(tmp_path):
                 raise KeyboardInterrupt
             return super()._part(first, last)
 
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(KeyboardInterrupt), pytest.warns(UserWarning, match="6 of 8 parts are done; run it again to"):
         both_results(Counting(2), Failing(3), LocalExecutor(tmp_path / "parts"))
     studies = Counting(2), Counting(3)
-    both_results(*studies, LocalExecutor(tmp_path / "parts"))
-    assert [study.did for study in studies] == [[], [6, 9]]
+    both_results(*studies, executor := LocalExecutor(tmp_path / "parts"))
+    assert [study.did for study in studies] == [[], [6, 9]] and traced_share(executor) == 2 / 8
 
 
 def test_shards_share_the_units_of_both_studies_and_merge(tmp_path):
@@ -65,12 +65,14 @@ def test_shards_share_the_units_of_both_studies_and_merge(tmp_path):
         assert both_results(*studies, executor) is None
         done += [len(study.did) for study in studies]
     assert sum(done) == 8
-    first, second = both_results(Counting(2), Counting(3), ShardMerge(tmp_path / "b", [tmp_path / "a.shards"]))
+    executor = ShardMerge(tmp_path / "b", [tmp_path / "a.shards"])
+    first, second = both_results(Counting(2), Counting(3), executor)
+    assert traced_share(executor) == 0.0
     assert (second * 2 == first * 3).all()
 
 
 def test_a_merge_names_a_shard_that_is_missing(tmp_path):
     both_results(Counting(2), Counting(3), ShardExecutor(tmp_path / "a.shards", ShardIndex(0, 2), ["sun"]))
     write_shard_record(tmp_path / "a.shards", ["sun"], 2)
-    with pytest.raises(InputError, match="shard 1/2 is not complete, 4 of 8 parts lack"):
+    with pytest.raises(UnavailableError, match="shard 1/2 is not complete, 4 of 8 parts lack"):
         both_results(Counting(2), Counting(3), ShardMerge(tmp_path / "b", [tmp_path / "a.shards"]))

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import InputError
+from .wording import counted
 
 T = TypeVar("T")
 
@@ -206,7 +207,9 @@ def _plain_array(value: Any, what: str) -> NDArray[Any]:
     """A value as an array of NumPy itself; an array of None if it is none."""
     mask = getattr(value, "mask", None) if isinstance(value, np.ndarray) else None  # of numpy.ma, slow to import
     if mask is not None and (count := int(np.count_nonzero(mask))):
-        raise InputError(f"{what} have {count} masked numbers; leave these rows out, or fill them: array.filled(0.0)")
+        raise InputError(
+            f"{what} have {counted(count, 'masked number')}; leave these rows out, or fill them: array.filled(0.0)"
+        )
     if not isinstance(value, np.ndarray):
         value = _of_library(value, what)
     try:
@@ -256,19 +259,24 @@ def vector(value: Any, what: str) -> NDArray[np.float64]:
     return v
 
 
-def points(value: Any, what: str) -> NDArray[np.float64]:
-    """Convert `value` to (m, 3) float64; InputError naming `what` unless all numbers are finite."""
+def points(value: Any, what: str, first: int = 0) -> NDArray[np.float64]:
+    """Convert `value` to (m, 3) float64; InputError naming `what` unless all numbers are finite.
+
+    first : number of the first row, for the message
+    """
     array = as_array(value, what).astype(np.float64)
     if array.ndim != 2 or array.shape[1] != 3:
         raise InputError(f"{what} must have shape (m, 3), not {array.shape}")
     finite = np.isfinite(array)
     if not finite.all():
-        raise InputError(f"{what} hold NaN or infinity (row {np.argmin(finite.all(1))})")
+        raise InputError(f"{what} hold NaN or infinity (row {first + np.argmin(finite.all(1))})")
     return array
 
 
-def unit_vectors(vectors: NDArray[Any], what: str, cure: str = "") -> NDArray[np.float64]:
+def unit_vectors(vectors: NDArray[Any], what: str, cure: str = "", first: int = 0) -> NDArray[np.float64]:
     """(..., 3) float64: finite vectors normalised, even those whose squared length overflows or underflows.
+
+    first : number of the first one, for the message
 
     Raises
     ------
@@ -281,7 +289,7 @@ def unit_vectors(vectors: NDArray[Any], what: str, cure: str = "") -> NDArray[np
     if not good.all():
         at = np.argmin(good.reshape(-1))
         problem = "is zero" if np.isfinite(largest.reshape(-1)[at]) else "has NaN or infinity"
-        where = "" if v.ndim == 1 else f" {at}"
+        where = "" if v.ndim == 1 else f" {first + at}"
         raise InputError(f"{what}{where} {problem}; {cure or 'give it a direction'}")
     v = np.ldexp(v, -np.frexp(largest)[1])  # by a power of two, which does not change the result
     unit: NDArray[np.float64] = v / np.linalg.norm(v, axis=-1, keepdims=True)
@@ -292,5 +300,5 @@ def listed(value: Any, what: str, count: int) -> list[Any]:
     """The items of a value of `count` items, such as a pair; otherwise an InputError that names `what`."""
     parts = parts_of(value)
     if parts is None or len(parts) != count:
-        raise InputError(f"{what} is {quoted(value)}; it must be {count} values")
+        raise InputError(f"{what} is {quoted(value)}; it must be {counted(count, 'value')}")
     return parts

@@ -82,7 +82,7 @@ COMMANDS = {
     "info": Command("antumbra.cli.scene_commands", "Scenes", "Show the contents of SCENE."),
     "scenes": Command("antumbra.cli.scene_commands", "Scenes", "List the built-in scenes, or export one."),
     "formats": Command("antumbra.cli.scene_commands", "Scenes", "List the file formats, and the options of SCENE."),
-    "build": Command("antumbra.cli.scene_commands", "Scenes", "Build a store, which may exceed memory."),
+    "build": Command("antumbra.cli.build_command", "Scenes", "Build a store, which may exceed memory."),
     "doctor": Command("antumbra.cli.installation_commands", "Installation and machines", "Check this installation."),
     "warmup": Command(
         "antumbra.cli.installation_commands", "Installation and machines", "Compile all kernels ahead of time."

@@ -24,6 +24,8 @@ EXTRAS = {
     "jit": "compiling kernels: in a clone, of plugins, and on processors without a kernel library",
     "sun": "positions of the sun, weather files and clear skies",
     "gis": "rasters, footprints, CityJSON, Parquet, and coordinate reference systems",
+    "cloud": "stores at URLs and in object storage",
+    "xarray": "results as Datasets of xarray, and in Zarr",
     "bake": "textures by antumbra bake",
     "meshes": "unusual PLY files, such as polygons with texture coordinates",
     "exr": "reading and writing .exr files, which data sets consist of",

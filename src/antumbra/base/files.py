@@ -293,9 +293,10 @@ _TRIES = 3  # attempts to lock a name before a file is created without a lock
 
 @contextmanager
 def temporary_name(folder: str | Path) -> Iterator[Path]:
-    """Yield a new name in `folder`, reserved while this process is alive; on exit, a file of that name is removed.
+    """Yield a new name in `folder`, reserved while this process is alive.
 
-    The first call for a folder also removes the files that killed processes left there.
+    On exit, a file or folder of that name is removed. The first call for a folder also removes those that killed
+    processes left there.
 
     Raises
     ------
@@ -308,11 +309,19 @@ def temporary_name(folder: str | Path) -> Iterator[Path]:
         yield path
     finally:
         with suppress(OSError):
-            path.unlink()
+            _remove(str(path))
         if descriptor is not None:
             os.close(descriptor)  # first, for Windows
             with suppress(OSError):
                 path.with_suffix(".lock").unlink()
+
+
+def _remove(path: str) -> None:
+    """Remove a file, or a folder with all its contents."""
+    if os.path.isdir(path) and not os.path.islink(path):
+        shutil.rmtree(path)
+    else:
+        os.unlink(path)
 
 
 @contextmanager
@@ -389,9 +398,10 @@ def _remove_if_abandoned(stem: str) -> None:
     """Remove ``stem.tmp`` and ``stem.lock``; OSError if their owner is alive or cannot be determined."""
     descriptor = _lock_abandoned(stem + ".lock")
     try:
+        shutil.rmtree(stem + ".tmp", ignore_errors=True)  # of an output that is a folder
         for suffix in (".tmp", ".lock"):  # the lock last: while it exists, only one process can remove the file
             with suppress(FileNotFoundError):
-                os.unlink(stem + suffix)
+                _remove(stem + suffix)
     finally:
         if descriptor is not None:
             os.close(descriptor)
@@ -416,6 +426,12 @@ def _lock_abandoned(file: str) -> int | None:
 
 # --- Atomic output ----------------------------------------------------------------------------------------------------
 
+
+PARTS_MANIFEST = "_manifest.json"
+"""File that completes a folder of Parquet."""
+
+FOLDERS = {".zarr": (".zgroup", "zarr.json"), ".parquets": (PARTS_MANIFEST,)}
+"""Suffixes of outputs that are folders -> files by which such a folder is known, so that it may be replaced."""
 
 LEAST_BYTES = 1 << 16
 """Disk space that any output is assumed to need, in bytes."""
@@ -447,12 +463,18 @@ def checked_output(path: object, suffixes: Sequence[str], size: int = LEAST_BYTE
     path = path_of(path, "output path")
     mode = _mode(path)
     kinds = " or ".join(suffixes)
-    if mode is not None and stat.S_ISDIR(mode):
-        raise InputError(f"{path}: is a folder; name a {kinds} file in it")
+    known = FOLDERS.get(path.suffix.lower(), ()) if path.suffix.lower() in suffixes else ()
+    if mode is not None and stat.S_ISDIR(mode) and not any((path / name).exists() for name in known):
+        cure = (
+            f"remove it, since it holds no {path.suffix} output, or name another"
+            if known
+            else f"name a {kinds} file in it"
+        )
+        raise InputError(f"{path}: is a folder; {cure}")
     if path.suffix.lower() not in suffixes:
         kind = f"unknown suffix {path.suffix!r}" if path.suffix else "the name has no suffix"
         raise InputError(f"{path}: {kind}; use {kinds}")
-    if mode is not None and not stat.S_ISREG(mode):
+    if mode is not None and not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         raise InputError(f"{path}: is not a regular file; choose another name")
     _check_access(path, exists=mode is not None)
     check_disk_space(path, size)
@@ -526,12 +548,36 @@ def atomic_output(path: str | os.PathLike[str], *, durable: bool = False) -> Ite
         If writing fails; the message names `path` and the reason. No file is left behind, and an existing file stays.
     """
     target = Path(os.path.realpath(path))  # keeps symbolic links
+    with writing(path), temporary_name(target.parent) as temporary:
+        yield temporary
+        os.replace(temporary, target)
+        if durable:
+            _sync_folder(target.parent)
+
+
+@contextmanager
+def writing(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Within the context, an OSError becomes an InputError that says that `path` cannot be written, and why."""
     try:
-        with temporary_name(target.parent) as temporary:
-            yield temporary
-            os.replace(temporary, target)
-            if durable:
-                _sync_folder(target.parent)
+        yield
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({_reason(error)}); choose another place") from error
+
+
+@contextmanager
+def atomic_folder(path: Path) -> Iterator[Path]:
+    """As `atomic_output`, for an output that is a folder: the caller makes the temporary one."""
+    target = Path(os.path.realpath(path))
+    try:
+        with temporary_name(target.parent) as temporary, temporary_name(target.parent) as old:
+            try:
+                yield temporary
+                if target.exists():
+                    os.replace(target, old)
+                os.replace(temporary, target)
+            finally:
+                for each in (temporary, old):
+                    shutil.rmtree(each, ignore_errors=True)
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({_reason(error)}); choose another place") from error
 

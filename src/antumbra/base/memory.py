@@ -13,6 +13,7 @@ from pathlib import Path
 
 from .checks import byte_count
 from .errors import InputError
+from .wording import counted
 
 LEAST_LIMIT = 1 << 30
 """Bytes that reading any file may take, if they are available."""
@@ -45,12 +46,13 @@ def memory_limit() -> int | None:
     return _given.get() or available_memory()
 
 
-def check_reading(size: float, where: str, stored: int | None = None) -> None:
+def check_reading(size: float, where: str, stored: int | None = None, cure: str = "make it smaller") -> None:
     """Raise an InputError if reading takes more memory than the limit.
 
     size : expected bytes of memory
     where : what is read, as the subject of the error
     stored : bytes of the files that are read; None: compare with the available memory only
+    cure : what to do instead of raising the limit
     """
     limit, reason = _given.get(), "the limit"
     if limit is None:
@@ -59,8 +61,8 @@ def check_reading(size: float, where: str, stored: int | None = None) -> None:
             limit, reason = max(LEAST_LIMIT, RATIO * stored), f"files of {readable_size(stored)} need at most"
     if limit is not None and size > limit:
         raise InputError(
-            f"{where} takes about {readable_size(size)} of memory, more than {reason} ({readable_size(limit)}); make "
-            f"it smaller, or raise max_memory, for example --max-memory {-(-int(size) >> 20)}M"
+            f"{where} takes about {readable_size(size)} of memory, more than {reason} ({readable_size(limit)}); "
+            f"{cure}, or raise max_memory, for example --max-memory {-(-int(size) >> 20)}M"
         )
 
 
@@ -69,7 +71,7 @@ def readable_size(size: float) -> str:
     for unit, factor in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
         if size >= factor:
             return f"{size / factor:,.1f} {unit}"
-    return f"{size:.0f} bytes"
+    return counted(round(size), "byte")
 
 
 def available_memory() -> int | None:

@@ -11,6 +11,8 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from contextvars import ContextVar
 from functools import wraps
+from html import escape
+from importlib import import_module
 from threading import Lock, Timer
 from time import perf_counter
 from typing import Any, ParamSpec, TypeVar
@@ -53,7 +55,7 @@ def progress_listener(listener: ProgressListener) -> Iterator[None]:
 
 
 def ignore_progress(what: str, done: int, total: int) -> None:
-    """A listener that ignores all progress."""
+    """A listener that ignores all progress, which is not logged either."""
 
 
 def with_progress(job: Callable[_P, _R]) -> Callable[_P, _R]:
@@ -103,10 +105,11 @@ def _checked_progress(progress: Any) -> Any:
 @contextmanager
 def report_progress(what: str) -> Iterator[ProgressCallback]:
     """Log the start and end of work. The context's value is a function that reports (done, total)."""
-    start = perf_counter()
-    LOG.info("%s ...", what)
+    start, listener = perf_counter(), _listener.get()
+    log = (lambda *words: None) if listener is ignore_progress else LOG.info
+    log("%s ...", what)
     with _active_work(what):
-        if listener := _listener.get():
+        if listener:
             yield lambda done, total: listener(what, done, total)
         elif _is_interactive():
             bar = ProgressBar(what, BAR_DELAY)
@@ -114,7 +117,7 @@ def report_progress(what: str) -> Iterator[ProgressCallback]:
                 yield bar
         else:
             yield lambda done, total: None
-    LOG.info("%s: %.0f s", what, perf_counter() - start)
+    log("%s: %.0f s", what, perf_counter() - start)
 
 
 def show_progress(
@@ -160,16 +163,34 @@ def split_progress(report: ProgressCallback | None, count: int, index: int = 0, 
     return progress
 
 
+_clock: ContextVar[Callable[[], float]] = ContextVar("clock", default=perf_counter)
+
+
+def clock_seconds() -> float:
+    """Seconds on the clock of measurements, by default elapsed time."""
+    return _clock.get()()
+
+
+@contextmanager
+def clocked_by(clock: Callable[[], float]) -> Iterator[None]:
+    """Within the block, `clock_seconds` and `PhaseClock` read another clock, such as `time.process_time`."""
+    token = _clock.set(clock)
+    try:
+        yield
+    finally:
+        _clock.reset(token)
+
+
 class PhaseClock:
     """Adds up the seconds of each phase, 0 for `phases` that do not occur."""
 
     def __init__(self, *phases: str) -> None:
         self.seconds = dict.fromkeys(phases, 0.0)
-        self._start = self._last = perf_counter()
+        self._start = self._last = clock_seconds()
 
     def lap(self, phase: str) -> None:
         """Add the time since the last lap to a phase."""
-        now = perf_counter()
+        now = clock_seconds()
         self.seconds[phase] = self.seconds.get(phase, 0.0) + now - self._last
         self._last = now
 
@@ -179,7 +200,7 @@ class PhaseClock:
 
 
 class ProgressBar:
-    """A progress line on standard error that is updated in place, in terminals and notebooks alike.
+    """A progress line that is updated in place: on standard error in terminals, and below the cell in notebooks.
 
     what : name of the work
     delay : seconds before the line appears
@@ -188,6 +209,7 @@ class ProgressBar:
     def __init__(self, what: str, delay: float) -> None:
         self._what, self._start, self._next = what, perf_counter(), delay
         self._length, self._share, self._lock = 0, 0.0, Lock()
+        self._cell: Any = None  # the handle of the bar in a notebook
 
     def __call__(self, done: int, total: int) -> None:
         self._share = done / max(total, 1)
@@ -210,7 +232,9 @@ class ProgressBar:
     def clear(self) -> None:
         """Remove the line."""
         with self._lock:
-            if self._length:
+            if self._cell is not None:
+                self._show("")
+            elif self._length:
                 self._write("")
                 print("\r", end="", file=sys.stderr, flush=True)
 
@@ -221,7 +245,19 @@ class ProgressBar:
         remaining = f", {elapsed / share - elapsed:.0f} s left" if share > 0.0 else ""
         bar = "#" * full + "-" * (_WIDTH - full)
         with self._lock:
-            self._write(f"antumbra: {self._what}: {100.0 * share:3.0f} % [{bar}] {elapsed:.0f} s{remaining}")
+            if _is_notebook():
+                times = f"{100.0 * share:.0f} %, {elapsed:.0f} s{remaining}"
+                self._show(f'{escape(self._what)} <progress value="{share:.4f}"></progress> {times}')
+            else:
+                self._write(f"antumbra: {self._what}: {100.0 * share:3.0f} % [{bar}] {elapsed:.0f} s{remaining}")
+
+    def _show(self, text: str) -> None:
+        """Show HTML below the cell, where standard error would have a red background."""
+        display = import_module("IPython.display")
+        if self._cell is None:
+            self._cell = display.display(display.HTML(text), display_id=True)
+        else:
+            self._cell.update(display.HTML(text))
 
     def _write(self, line: str) -> None:
         print("\r" + line.ljust(self._length), end="", file=sys.stderr, flush=True)
@@ -239,5 +275,8 @@ def _active_work(what: str) -> Iterator[None]:
 
 def _is_interactive() -> bool:
     """Whether standard error is a terminal or the output of a notebook cell."""
-    stream = sys.stderr
-    return stream is not None and (stream.isatty() or type(stream).__module__.startswith("ipykernel"))
+    return sys.stderr is not None and (sys.stderr.isatty() or _is_notebook())
+
+
+def _is_notebook() -> bool:
+    return type(sys.stderr).__module__.startswith("ipykernel")

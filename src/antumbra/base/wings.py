@@ -17,6 +17,9 @@ FILES_IN_TEXTS = ("antumbra.city.sensors.sensor_files:raster_file",)
 SENSOR_BLOCKS = "antumbra.city.sensors.sensor_files:sensor_blocks"
 """The function that describes the sensors that a text names."""
 
+OPEN_RASTER = "antumbra.city.gis.large_terrain:open_raster"
+"""The function that opens a raster for shadows at its own cells, whatever its size."""
+
 VEGETATION_FILE = "antumbra.city.vegetation.vegetation_table:checked_vegetation_file"
 """The function that checks the path of a file of plants."""
 

@@ -17,7 +17,7 @@ from ..base import wings
 from ..base.errors import InputError
 from ..base.files import atomic_output, check_trusted, file_lock, make_folder, private_folder
 from ..base.progress import LOG
-from ..store.store_format import STORE_SUFFIX
+from ..store.store_format import STORE_SUFFIX, TILES_SUFFIX
 
 # --- Files on a node --------------------------------------------------------------------------------------------------
 
@@ -25,7 +25,12 @@ from ..store.store_format import STORE_SUFFIX
 PIECE = 8 << 20  # bytes fetched at once
 
 _HEADER = 4096  # bytes of the first page of a store, with the checksum of all chunk checksums
-_REFERRING = ".gltf", ".obj", ".vrt"  # suffixes of files that may refer to others
+_REFERRING = ".gltf", ".obj", ".vrt", TILES_SUFFIX  # suffixes of files that may refer to others
+
+
+def refers_to_files(path: Path) -> bool:
+    """Whether a file, by its suffix, may refer to others."""
+    return path.suffix.lower() in _REFERRING
 
 
 class Input(NamedTuple):
@@ -62,7 +67,7 @@ def local_path(source: Input, read: Callable[[str, int], bytes], folder: Path | 
     path = Path(source.path)
     if (source.size < 0 and path.is_dir()) or _is_same(path, source):
         return source.path
-    if source.size < 0 or path.suffix.lower() in _REFERRING:
+    if source.size < 0 or refers_to_files(path):
         raise InputError(
             f"{path}: is not on node {platform.node()}, and names other files; share it, or use a single file, "
             "such as .glb or .tif"
@@ -136,8 +141,8 @@ def _sum(path: Path) -> str:
 
 
 INPUTS = (
-    *("scene", "add", "terrain", "sensors", "targets", "areas", "epw", "sky", "trees", "points", "line", "modules"),
-    *("observers", "along", "pairs", "turbines", "polygon"),
+    *("scene", "scenes", "add", "terrain", "sensors", "targets", "areas", "epw", "sky", "trees", "points", "line"),
+    *("modules", "observers", "along", "pairs", "turbines", "polygon", "camera_path"),
 )
 """Arguments of work, on the command line or in Python, that may name an input file or folder."""
 

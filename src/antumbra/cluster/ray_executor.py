@@ -8,7 +8,7 @@ import socket
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, redirect_stdout, suppress
+from contextlib import ExitStack, contextmanager, redirect_stdout, suppress
 from functools import partial
 from importlib import import_module
 from os import PathLike
@@ -21,8 +21,9 @@ from ..base.errors import InputError, UnavailableError
 from ..base.extras import import_extra
 from ..base.files import temporary_folder
 from ..base.progress import LOG
+from ..base.wording import some_of
 from ..engine.scene_loading import load
-from ..work.executors import UnitCollector, Units, numbered
+from ..work.executors import Tally, UnitCollector, Units, numbered
 from .node_files import files_in, input_of, with_files
 from .own_stdout import own_stdout
 
@@ -31,7 +32,7 @@ from .own_stdout import own_stdout
 
 if TYPE_CHECKING:
     from .ray_workers import Prepare
-    from .worker_pool import Log
+    from .worker_pool import Log, WorkerPool
 
 _STORE = 256 << 20  # bytes of the object store of a local cluster
 _TIMEOUT = 5.0  # seconds in which a head node answers
@@ -39,8 +40,10 @@ _ASKING = "asking the head of the cluster"  # name of a thread
 _HOST_PORT = re.compile(r"\[?([^\[\]]+)\]?:(\d{1,5})")  # HOST:PORT
 
 
-class Cluster:
+class Cluster(Tally):
     """Runs the units of some work on the nodes of a Ray cluster, and writes the files they return.
+
+    Workers are kept from `prepare`, which runs a stage, to `finish` or `close`.
 
     folder : folder for intermediate units
     address : "local": a cluster of this machine alone; "auto" or HOST:PORT: a running cluster
@@ -65,11 +68,16 @@ class Cluster:
         self.folder, self.address, self._say, self._resume = folder, address, say or LOG.warning, resume
         self._prepare, self._inputs, self._plan = prepare, inputs, plan
         self.log: Log | None = None  # of the last run
+        self._pool: WorkerPool | None = None
+        self._kept = ExitStack()  # ends the workers, then the connection
 
     def finish(self, work: Sequence[Units]) -> bool:
-        from .ray_workers import NodeWork
-        from .worker_pool import WorkerPool
+        try:
+            return self.prepare(work)
+        finally:
+            self.close()
 
+    def prepare(self, work: Sequence[Units]) -> bool:
         todo = []
         for number, units, k in numbered(work):
             if units.done(k):
@@ -77,18 +85,32 @@ class Cluster:
             else:
                 todo.append(number)
         if todo:
-            inputs = {name: input_of(path) for name, path in self._inputs.items()}
-            node_work = NodeWork(self._prepare, inputs, self._plan, self.folder.name)
-            with connected(self.address) as ray:
-                pool = WorkerPool(ray, work, node_work, self._say)
-                self.log = pool.log
-                try:
-                    pool.do(todo)
-                except BaseException as error:
-                    total = sum(map(len, work))
-                    self._explain(error, f"{total - pool.n_missing} of {total} parts are done; {self._resume}")
-                    raise
+            pool = self._pool = self._pool or self._started_pool()
+            try:
+                pool.do(work, todo)
+            except BaseException as error:
+                self.close()
+                total = sum(map(len, work))
+                self._explain(error, f"{some_of(total - pool.n_missing, total, 'part', 'are')} done; {self._resume}")
+                raise
+        self.add(sum(map(len, work)), len(todo))
         return True
+
+    def close(self) -> None:
+        """Stop the workers."""
+        self._pool = None
+        self._kept.close()
+
+    def _started_pool(self) -> "WorkerPool":
+        from .ray_workers import NodeWork
+        from .worker_pool import WorkerPool
+
+        inputs = {name: input_of(path) for name, path in self._inputs.items()}
+        node_work = NodeWork(self._prepare, inputs, self._plan, self.folder.name)
+        pool = WorkerPool(self._kept.enter_context(connected(self.address)), node_work, self._say)
+        self._kept.callback(pool.end)
+        self.log = pool.log
+        return pool
 
     def _explain(self, error: BaseException, state: str) -> None:
         """Add to an abnormal end how to resume; what has no line for the user gets a line of its own."""

@@ -17,6 +17,7 @@ from ..engine.precompilation import compile_missing, missing_of
 from ..kernels.toolchain import kernel_manifest
 from ..kernels.toolchain.kernel_cache import user_cache
 from ..version import VERSION
+from ..work.estimates import Estimate
 from ..work.executors import UnitCollector, Units, numbered
 from ..work.warm_ups import all_examples
 from .node_files import Input, local_path, piece_of, user_temporary_folder
@@ -35,6 +36,14 @@ class NodeWork(NamedTuple):
     inputs: dict[str, Input]
     plan: str | None
     folder: str  # name of the folder of units
+    left: tuple[int, ...] = ()  # units of each kind that are not done, for estimates; empty: none are wanted
+
+
+class Beginning(NamedTuple):
+    """The answer of a worker that has opened the scene."""
+
+    signature: list[tuple[int, list[str]]]
+    estimates: list[Estimate | None]  # of each kind of units; empty: they were not wanted
 
 
 class UnitResult(NamedTuple):
@@ -57,21 +66,24 @@ class Node:
         self.folder = self._resources.enter_context(
             temporary_folder()
         )  # that of a killed worker is removed by the next one
+        self._paths: dict[str, str] | None = None  # of the inputs
         self._units: list[tuple[Units, int]] = []
 
-    def begin(self, work: NodeWork, read: Callable[[str, int], bytes]) -> list[tuple[int, list[str]]]:
-        """Open the inputs, compile missing kernels, and prepare the work; return its `signature`.
+    def begin(self, work: NodeWork, read: Callable[[str, int], bytes]) -> Beginning:
+        """Open the inputs, compile missing kernels, and prepare the work or its next stage.
 
         read : reads a piece of a file on the driver, see `node_files.local_path`
         """
         with progress_listener(ignore_progress):
-            paths = {name: local_path(each, read, None) for name, each in work.inputs.items()}
-            os.chdir(self.folder)  # results have relative paths
-            precompile_plan_kernels(work.plan)
+            if self._paths is None:
+                self._paths = {name: local_path(each, read, None) for name, each in work.inputs.items()}
+                os.chdir(self.folder)  # results have relative paths
+                precompile_plan_kernels(work.plan)
             collector = UnitCollector(Path(work.folder))
-            work.prepare(paths, self._threads, collector)
+            work.prepare(self._paths, self._threads, collector)
+            estimates = [units.estimate(left) for units, left in zip(collector.work, work.left)]
         self._units = [(units, k) for _, units, k in numbered(collector.work)]
-        return signature(collector.work)
+        return Beginning(signature(collector.work), estimates)
 
     def is_there(self) -> bool:
         """True: an answer means that the worker has its cores, and that its process runs."""

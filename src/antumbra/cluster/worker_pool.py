@@ -1,8 +1,9 @@
 """The pool that assigns units to the workers of a cluster, watches them, and replaces lost ones.
 
-A node passes through the steps of `Step`. Whatever takes too long has a deadline: a node whose cores are held by others
-is waited for while the rest work, a worker that has stopped is replaced, the last units are repeated on idle workers,
-and a node that cannot do the work is put aside by name and cause. The first copy of a unit counts; all are equal.
+A node passes through the states of `WorkerState`. Whatever takes too long has a deadline: a node whose cores others
+hold is waited for while the rest work, a worker that has stopped is replaced, the last units are repeated on idle
+workers, and a node that cannot do the work is put aside by name and cause. The first copy of a unit counts; all are
+equal.
 """
 
 from collections import Counter, deque
@@ -17,6 +18,8 @@ from typing import Any, NamedTuple
 from ..base.errors import InputError, UnavailableError
 from ..base.files import atomic_output
 from ..base.progress import report_progress
+from ..base.wording import counted
+from ..work.estimates import Estimate, tell_estimate
 from ..work.executors import Units, numbered
 from .ray_workers import Node, NodeWork, Reader, RemoteReader, fault_of, name_of, on_node, probe, signature
 
@@ -39,7 +42,7 @@ class Log(NamedTuple):
     written: list[float]  # times at which the files of units were written
 
 
-class Step(Enum):
+class WorkerState(Enum):
     """What a worker is doing."""
 
     PROBE = "the node is asked for its version"
@@ -48,7 +51,7 @@ class Step(Enum):
     WORK = "the worker does units"
 
 
-_PLACED = Step.BEGIN, Step.WORK  # with its cores
+_PLACED = WorkerState.BEGIN, WorkerState.WORK  # with its cores
 
 
 class NodeWorker:
@@ -57,7 +60,7 @@ class NodeWorker:
     def __init__(self, node: str, name: str, cores: int, now: float):
         self.node, self.name, self.cores = node, name, cores
         self.actor: Any = None
-        self.step, self.lost = Step.PROBE, False
+        self.step, self.lost = WorkerState.PROBE, False
         self.since = self.heard = now  # start of the step, or of the current unit; the last answer
         self.asked: float | None = None  # time of a check that it runs, until it is answered
         self.queue: list[int] = []  # units assigned to it; the first one is current
@@ -69,6 +72,7 @@ class _Call(NamedTuple):
     worker: NodeWorker
     number: int | None = None  # of a unit; None: the step of the worker, or a check
     is_check: bool = False
+    is_stale: bool = False  # of an earlier stage: its result does not count, and it may fail, since its files are gone
 
 
 class _Aside(NamedTuple):
@@ -115,15 +119,16 @@ class _Head:
 
 
 class WorkerPool:
-    """Runs units of some work on the nodes of a cluster, one worker per node.
+    """Runs units of some work on the nodes of a cluster, one worker per node, which stay until `end`.
 
     ray : the module, connected
     say : function that prints a line for the user
     """
 
-    def __init__(self, ray: Any, work: Sequence[Units], node_work: NodeWork, say: Callable[[str], None]):
-        self._ray, self._work, self._node_work, self._say = ray, work, node_work, say
-        self._units = [(units, k) for _, units, k in numbered(work)]
+    def __init__(self, ray: Any, node_work: NodeWork, say: Callable[[str], None]):
+        self._ray, self._node_work, self._say = ray, node_work, say
+        self._work: Sequence[Units] = ()
+        self._units: list[tuple[Units, int]] = []
         self._todo, self._missing = deque[int](), set[int]()
         self._pending: dict[Any, _Call] = {}
         self._workers: dict[str, NodeWorker] = {}
@@ -132,12 +137,13 @@ class WorkerPool:
         self._tries: Counter[int] = Counter()  # losses by unit
         self._late: Counter[int] = Counter()  # missed deadlines by unit
         self._hinted: set[str] = set()  # nodes
-        self._reader: Any = None
+        self._seconds: list[float] = []  # durations of units of the current work
+        self._reader, self._head = self._started_reader(), _Head(ray)
         self._now = self._placed = 0.0  # seconds, for deadlines; of the last look at which a worker had its cores
         self.log = Log({}, {}, [])
 
-    def do(self, numbers: Sequence[int]) -> None:
-        """Run the units with these numbers.
+    def do(self, work: Sequence[Units], numbers: Sequence[int]) -> None:
+        """Run the units of some work with these numbers. Earlier stages, if any, precede it in `work`.
 
         Raises
         ------
@@ -146,24 +152,25 @@ class WorkerPool:
         UnavailableError
             If the head does not answer, no node has free cores, or workers are lost again and again.
         """
-        self._todo.extend(numbers)
-        self._missing = set(numbers)
-        self._head = _Head(self._ray)
-        self._start_reader()
-        try:
-            with report_progress(f"{self._work[0].what or 'frames'}, on a cluster") as progress:
-                last = monotonic()
-                while self._missing:
-                    self._start_workers()
-                    self._assign()
-                    if self._collect():
-                        progress(len(numbers) - len(self._missing), len(numbers))
-                    # Deadlines do not run while this process is held up, such as by writing to a slow disk.
-                    self._now, last = self._now + min(monotonic() - last, 1.0), monotonic()
-                    self._watch()
-        finally:
-            self._head.end()
-            self._stop_workers()
+        self._work, self._units = work, [(units, k) for _, units, k in numbered(work)]
+        self._todo, self._missing, self._seconds = deque(numbers), set(numbers), []
+        self._node_work = self._node_work._replace(left=self._left())
+        self._begin_again()
+        with report_progress(f"{work[0].what or 'frames'}, on a cluster") as progress:
+            last = monotonic()
+            while self._missing:
+                self._start_workers()
+                self._assign()
+                if self._collect():
+                    progress(len(numbers) - len(self._missing), len(numbers))
+                # Deadlines do not run while this process is held up, such as by writing to a slow disk.
+                self._now, last = self._now + min(monotonic() - last, 1.0), monotonic()
+                self._watch()
+
+    def end(self) -> None:
+        """Stop all workers."""
+        self._head.end()
+        self._stop_workers()
 
     @property
     def n_missing(self) -> int:
@@ -172,12 +179,25 @@ class WorkerPool:
 
     # --- Steps of a worker
 
-    def _start_reader(self) -> None:
-        """Start a process on this node that reads inputs for nodes without them."""
+    def _started_reader(self) -> Any:
+        """A process on this node that reads inputs for nodes without them; None: there are no inputs."""
         if not self._node_work.inputs:
-            return
+            return None
         remote, here = self._ray.remote(Reader), self._ray.get_runtime_context().get_node_id()
-        self._reader = remote.options(num_cpus=0, scheduling_strategy=on_node(self._ray, here)).remote()
+        return remote.options(num_cpus=0, scheduling_strategy=on_node(self._ray, here)).remote()
+
+    def _begin_again(self) -> None:
+        """Let the workers of an earlier stage prepare the current one, once they have ended what they are doing."""
+        placed = [worker for worker in self._workers.values() if worker.step in _PLACED]
+        self._pending = {call: entry._replace(is_stale=entry.worker in placed) for call, entry in self._pending.items()}
+        for worker in placed:
+            worker.queue, worker.asked, worker.heard = [], None, self._now
+            self._begin(worker)
+
+    def _begin(self, worker: NodeWorker) -> None:
+        worker.step, worker.since = WorkerState.BEGIN, self._now
+        self._pending[worker.actor.begin.remote(self._node_work, RemoteReader(self._reader))] = _Call(worker)
+        self._node_work = self._node_work._replace(left=())  # the first worker samples
 
     def _start_workers(self) -> None:
         """Start a worker on each node without one, once per listing of the nodes."""
@@ -198,28 +218,42 @@ class WorkerPool:
 
     def _enter_next(self, worker: NodeWorker, answer: Any) -> None:
         """Go on with a worker whose step has ended with this answer."""
-        if worker.step is Step.PROBE:
+        if worker.step is WorkerState.PROBE:
             if fault := fault_of(*answer):
                 return self._put_aside(worker, fault, is_final=True)
             actor = self._ray.remote(concurrency_groups={"watch": 1})(Node).options(
                 num_cpus=worker.cores, max_restarts=0, scheduling_strategy=on_node(self._ray, worker.node)
             )
             worker.actor = actor.remote(worker.cores)
-            worker.step, worker.since = Step.PLACE, self._now
+            worker.step, worker.since = WorkerState.PLACE, self._now
             self._pending[worker.actor.is_there.remote()] = _Call(worker)
-        elif worker.step is Step.PLACE:
-            worker.step, worker.since = Step.BEGIN, self._now
-            self._pending[worker.actor.begin.remote(self._node_work, RemoteReader(self._reader))] = _Call(worker)
-        elif answer != signature(self._work):
+        elif worker.step is WorkerState.PLACE:
+            self._begin(worker)
+        elif answer.signature != signature(self._work):
             self._put_aside(worker, "would do different work; install the same packages there as here", is_final=True)
         else:
-            worker.step, worker.since = Step.WORK, self._now
+            self._tell_estimates(answer.estimates)
+            worker.step, worker.since = WorkerState.WORK, self._now
             self.log.ready[worker.node] = monotonic()
+
+    def _left(self) -> tuple[int, ...]:
+        """The number of units of each kind that are not done."""
+        numbers, total = list[int](), 0
+        for units in self._work:
+            numbers.append(sum(number in self._missing for number in range(total, total + len(units))))
+            total += len(units)
+        return tuple(numbers)
+
+    def _tell_estimates(self, estimates: Sequence[Estimate | None]) -> None:
+        """Tell what a worker has judged by a sample. InputError if the results do not fit on the disk here."""
+        for units, estimate, left in zip(self._work, estimates, self._left()):
+            if estimate is not None:
+                tell_estimate(units.what, units.root, estimate, left, " of one worker")
 
     # --- Units
 
     def _assign(self) -> None:
-        for worker in [each for each in self._workers.values() if each.step is Step.WORK]:
+        for worker in [each for each in self._workers.values() if each.step is WorkerState.WORK]:
             while len(worker.queue) < _AHEAD and self._todo:
                 self._hand_out(worker, self._todo.popleft())
             if not worker.queue and (number := self._repeatable()) is not None:
@@ -235,7 +269,7 @@ class WorkerPool:
         """A unit of a busy worker for an idle one: one that waits, else one that has run for longer than usual."""
         copies = Counter(number for worker in self._workers.values() for number in worker.queue)
         waiting = [number for worker in self._workers.values() for number in worker.queue[1:]]
-        usual = median(self.log.seconds.values()) if self.log.seconds else _LONG
+        usual = median(self._seconds or [_LONG])
         slow = [
             worker.queue[0]
             for worker in sorted(self._workers.values(), key=lambda each: each.since)
@@ -252,9 +286,16 @@ class WorkerPool:
         self._ray.wait(list(self._pending), num_returns=1, timeout=_POLL)
         ready, _ = self._ray.wait(list(self._pending), num_returns=len(self._pending), timeout=0)
         for call in ready:
+            if not self._missing:  # what is left are copies: the next stage drops them
+                break
             if call not in self._pending:  # of a worker that was lost a moment ago
                 continue
-            worker, number, is_check = self._pending[call]
+            worker, number, is_check, is_stale = self._pending[call]
+            if is_stale:
+                del self._pending[call]
+                with suppress(Exception):  # Ray reports errors that are never read
+                    self._ray.get(call)
+                continue
             answer = self._answer(call, worker)
             if worker.lost:
                 continue
@@ -272,6 +313,7 @@ class WorkerPool:
 
     def _finish_unit(self, number: int, answer: Any, worker: NodeWorker) -> None:
         self.log.seconds.setdefault(number, answer.seconds)
+        self._seconds.append(answer.seconds)
         if number in self._missing:
             self._write(number, answer.files, worker)
             self.log.written.append(monotonic())
@@ -304,12 +346,14 @@ class WorkerPool:
             return self._ray.get(call)
         except errors.RayTaskError as error:
             cause = error.cause if isinstance(error.cause, Exception) else error
-            if worker.step is Step.WORK and isinstance(cause, InputError):
+            if worker.step is WorkerState.WORK and isinstance(cause, InputError):
                 raise cause from None  # of the unit, on any node
             text = str(cause) if isinstance(cause, InputError) else f"{type(cause).__name__}: {cause}"
             self._put_aside(worker, f"failed ({text})", is_final=not isinstance(cause, (OSError, MemoryError)))
         except errors.RayError as error:
-            self._drop(worker, "its machine is out of memory" if "memory" in str(error) else "its process has ended")
+            self._drop(
+                worker, "its machine is out of memory" if "low on memory" in str(error) else "its process has ended"
+            )
 
     def _watch(self) -> None:
         """Replace workers that have stopped or are late, and raise UnavailableError if nothing can go on."""
@@ -317,9 +361,9 @@ class WorkerPool:
             raise UnavailableError(f"the head of the cluster has not answered for {_HEAD_SILENCE:.0f} s")
         for worker in list(self._workers.values()):
             seconds = self._now - worker.since
-            if worker.step is Step.PROBE and seconds > _PLACEMENT:
+            if worker.step is WorkerState.PROBE and seconds > _PLACEMENT:
                 self._put_aside(worker, f"has started no process for {_PLACEMENT:.0f} s")
-            elif worker.step is Step.PLACE and seconds > _HINT and worker.node not in self._hinted:
+            elif worker.step is WorkerState.PLACE and seconds > _HINT and worker.node not in self._hinted:
                 self._hinted.add(worker.node)
                 self._say(f"note: {self._wait_of(worker)}")
             elif worker.step in _PLACED:
@@ -333,7 +377,7 @@ class WorkerPool:
             )
 
     def _wait_of(self, worker: NodeWorker) -> str:
-        if worker.step is Step.PROBE:
+        if worker.step is WorkerState.PROBE:
             return f"waiting for a process on {worker.name}"
         cores = f"{worker.cores} core{'s' * (worker.cores != 1)}"
         return f"waiting for {cores} of {worker.name}, {self._head.free.get(worker.node, 0)} free"
@@ -346,9 +390,9 @@ class WorkerPool:
             self._pending[call] = _Call(worker, is_check=True)
         if worker.asked is not None and self._now - worker.asked > _SILENCE:
             self._drop(worker, f"no answer for {_SILENCE:.0f} s")
-        elif worker.queue and self.log.seconds:
+        elif worker.queue and self._seconds:
             number = worker.queue[0]
-            allowed = max(_LONG, _LONG_TIMES * median(self.log.seconds.values())) * 2 ** self._late[number]
+            allowed = max(_LONG, _LONG_TIMES * median(self._seconds)) * 2 ** self._late[number]
             if self._now - worker.since > allowed:
                 self._late[number] += 1
                 self._drop(worker, f"a part took longer than {allowed:.0f} s")
@@ -361,7 +405,7 @@ class WorkerPool:
         if self._losses[worker.node] >= _TRIES:
             return self._put_aside(worker, f"has lost {_TRIES} workers, the last one because {cause}")
         n_lost = self._remove(worker)
-        self._say(f"note: the worker on {worker.name} was lost ({cause}); repeating {n_lost} parts")
+        self._say(f"note: the worker on {worker.name} was lost ({cause}); repeating {counted(n_lost, 'part')}")
         if current and self._tries[current[0]] >= _TRIES:
             raise UnavailableError(
                 f"part {current[0]} was lost {_TRIES} times, the last time on {worker.name} ({cause}); "
@@ -402,7 +446,7 @@ class WorkerPool:
             idle = [
                 each.actor.leave.remote()
                 for each in self._workers.values()
-                if each.step is Step.WORK and not each.queue
+                if each.step is WorkerState.WORK and not each.queue
             ]
             self._ray.wait(idle, num_returns=len(idle), timeout=5.0) if idle else None
         for actor in [*actors, *([self._reader] if self._reader else [])]:

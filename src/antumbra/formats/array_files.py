@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ..base.errors import InputError
 from ..base.files import checked_file
 from ..base.memory import check_reading
+from ..base.wording import counted
 from ..scene.camera import Camera
 from ..scene.lights import Light
 from ..scene.mesh import MeshInfo, ObjectInfo, Piece, check_finite, face_colours, used_faces
@@ -195,7 +196,7 @@ def _times(path: Path, count: int, where: str) -> np.ndarray:
 def _as_times(value: Any, count: int, where: str) -> np.ndarray:
     numbers = isinstance(value, list) and all(type(v) in (int, float) and abs(v) < 1e300 for v in value)
     if not numbers or len(value) != count:
-        raise InputError(f'{where}: "times" must be a list of {count} numbers, one for each frame')
+        raise InputError(f'{where}: "times" must be a list of {counted(count, "number")}, one for each frame')
     return np.array(value, np.float64)
 
 

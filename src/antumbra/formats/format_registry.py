@@ -21,8 +21,10 @@ from ..scene.instances import InstancedSource
 from ..scene.mesh import Source
 from ..scene.palette_scene import PaletteScene
 from ..scene.rounded_coordinates import rounding_notes
-from ..scene.scene_bounds import guess_z_up, sampled_faces
+from ..scene.scene_bounds import guess_z_up
 from ..scene.scene_data import MemoryData, SceneData
+from ..scene.streamed_data import StreamedData
+from .face_ranges import BINARY_PLY
 from .scene_format import Contents, Format, ReadOptions
 
 _TALLEST = 2000.0  # metres: higher than any building
@@ -31,19 +33,26 @@ _TALLEST = 2000.0  # metres: higher than any building
 
 
 _TRIANGLE_BYTES = 60  # of a scene in memory, without trees
+_SOURCE_BYTES = 30  # of its meshes alone
 
 
 def _data_of(source: Source, notes: list[str], name: str, options: ReadOptions) -> SceneData:
     """A scene whose up axis, unless given, is guessed from its faces."""
-    scene: MemoryData | InstanceData
+    scene: MemoryData | InstanceData | StreamedData
     up = options.up or "y"
-    if wants_instances(source, options.instances, options.cutouts):
+    if not options.streamed and wants_instances(source, options.instances, options.cutouts):
         scene = InstanceData(cast(InstancedSource, source), name=name, up=up, notes=tuple(notes))
-        sample = scene.sampled_faces
     else:
-        check_reading(_TRIANGLE_BYTES * sum(mesh.triangles * mesh.instances for mesh in source.meshes), source.file)
-        scene = MemoryData(source, name=name, up=up, notes=tuple(notes))
-        sample = partial(sampled_faces, source, scene.n_triangles)
+        if options.streamed:
+            if getattr(source, "in_memory", True):
+                triangles = sum(mesh.triangles for mesh in source.meshes)
+                check_reading(_SOURCE_BYTES * triangles, source.file, cure=BINARY_PLY)
+            scene = StreamedData(source, name=name, up=up, notes=tuple(notes))
+        else:
+            triangles = sum(mesh.triangles * mesh.instances for mesh in source.meshes)
+            check_reading(_TRIANGLE_BYTES * triangles, source.file)
+            scene = MemoryData(source, name=name, up=up, notes=tuple(notes))
+    sample = partial(scene.sampled_faces, 0.0)
     scene.notes = (*scene.notes, *rounding_notes(source.file, scene.bounds, sample))
     if options.up is None and guess_z_up(sample()):
         scene.up, scene.notes = "z", (*scene.notes, f'{source.file}: seems to have z up; pass up="y" to override')
@@ -62,7 +71,7 @@ def _with_unit(scene: SceneData, file: str, options: ReadOptions) -> SceneData:
 def _read_gltf(path: Path, options: ReadOptions) -> SceneData:
     from .gltf.gltf_source import read_gltf
 
-    return _data_of(*read_gltf(path), path.stem, options)
+    return _data_of(*read_gltf(path, options.animation, options.streamed), path.stem, options)
 
 
 def _write_glb(scene: PaletteScene, name: str, path: Path) -> list[Path]:
@@ -74,12 +83,15 @@ def _write_glb(scene: PaletteScene, name: str, path: Path) -> list[Path]:
 def _read_mesh_file(path: Path, options: ReadOptions) -> SceneData:
     from .mesh_files import read_mesh_file
 
-    return _with_unit(_data_of(*read_mesh_file(path), path.stem, options), path.name, options)
+    return _with_unit(_data_of(*read_mesh_file(path, options.streamed), path.stem, options), path.name, options)
 
 
 def _read_obj(path: Path, options: ReadOptions) -> SceneData:
     from .obj_file import read_obj
+    from .obj_stream import stream_obj
 
+    if options.streamed and (streamed := stream_obj(path)) is not None:
+        return _with_unit(_data_of(*streamed, path.stem, options), path.name, options)
     return _with_unit(_data_of(*read_obj(path), path.stem, options), path.name, options)
 
 
@@ -104,7 +116,7 @@ def _read_frames(path: Path, options: ReadOptions) -> SceneData:
 # --- The registry -----------------------------------------------------------------------------------------------------
 
 
-_GLTF_LOST = "metalness, roughness, emission, normal maps, cones of spot lights, points and lines"
+_GLTF_LOST = "refraction, clearcoat and sheen of materials, cones of spot lights, points and lines"
 GLB = Format(
     "glTF 2.0, binary", (".glb",), _read_gltf, _write_glb, "compressed", f"{_GLTF_LOST}; when written: area lights"
 )
@@ -115,7 +127,8 @@ OBJ = Format(
     _read_obj,
     _write_obj,
     None,
-    "all of materials but Kd, d, Tr, map_Kd and map_d; lines and curves; when written: cameras and lights",
+    "all of materials but Kd, Ke, d, Tr, Pm, Pr, their maps of colour, and norm; lines and curves; when written: "
+    "cameras and lights",
 )
 PLY = Format(
     "PLY",
@@ -149,6 +162,11 @@ def format_of(path: Path, formats: Iterable[Format] = FORMATS) -> Format | None:
         return FRAMES
     suffix = path.suffix.lower()
     return next((each for each in formats if suffix in each.suffixes), None)
+
+
+def format_taking(value: object, formats: Iterable[Format] = FORMATS) -> Format | None:
+    """The format whose reader takes an object of another library; None if there is none."""
+    return next((each for each in formats if each.takes is not None and each.takes(value)), None)
 
 
 def suffixes_of(contents: Contents) -> tuple[str, ...]:

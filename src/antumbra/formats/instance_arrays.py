@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..base.checks import as_array, flag, text
 from ..base.errors import InputError
+from ..base.wording import counted
 from ..scene.crs import checked_crs
 from ..scene.instance_data import InstanceData, wants_instances
 from ..scene.instances import InstancedMeshes
@@ -37,7 +38,8 @@ def data_of_instances(
     of_meshes = list(repeat(None, len(parts))) if colours is None else _listed(colours, name, "colours")
     if not len(parts) == len(placed) == len(of_meshes):
         raise InputError(
-            f"{name}: there are {len(parts)} meshes, {len(placed)} arrays of transforms and {len(of_meshes)} colours; "
+            f"{name}: there are {counted(len(parts), 'mesh')}, {counted(len(placed), 'array')} of transforms and "
+            f"{counted(len(of_meshes), 'colour')}; "
             "give one of each per mesh"
         )
     checked = [

@@ -13,9 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base.checks import as_array, text
 from ..base.errors import InputError
+from ..base.wording import counted
 from ..kernels.small_matrices import product
 from ..scene.crs import checked_crs
-from ..scene.materials import BLEND, MASK, OPAQUE, PLAIN, Material, Texture, rgba_of
+from ..scene.materials import BLEND, MASK, OPAQUE, PLAIN, Material, PbrParameters, Texture, TextureMap, rgba_of
 from ..scene.mesh import (
     Mesh,
     StaticMeshes,
@@ -153,28 +154,68 @@ def _trimesh(mesh: Any, name: str, notes: list[str], textures: "_Textures | None
         )
 
 
-_Textures = dict[tuple[int, bool], Texture]
-"""Those of pictures that several meshes of a scene share: id of the picture, and whether its alpha matters."""
+_Textures = dict[tuple[int, bool, bool], Texture]
+"""Those of pictures that several meshes of a scene share: id, whether its alpha matters, and whether it holds data."""
+
+
+class _TrimeshMaterial:
+    """A trimesh material, whose attributes of one meaning have several names, or are None."""
+
+    def __init__(self, material: Any, name: str, textures: _Textures):
+        self._material, self._name, self._textures = material, name, textures
+
+    def first_of(self, *names: str) -> Any:
+        """The first attribute that is given; None without one."""
+        return next((v for n in names if (v := getattr(self._material, n, None)) is not None), None)
+
+    def number(self, name: str, default: float) -> float:
+        given = self.first_of(name)
+        return default if given is None else float(given)
+
+    def factor(self, *names: str, default: float) -> NDArray[np.float64]:
+        """Linear shares: floats as they are, and bytes divided by 255."""
+        given = self.first_of(*names)
+        values = np.full(3, default) if given is None else np.asarray(given)
+        return np.clip(values / 255.0 if values.dtype.kind in "iu" else values, 0.0, 1.0)
+
+    def texture(self, *names: str, has_alpha: bool = False, holds_data: bool = False) -> Texture | None:
+        """The texture of a picture, which is sRGB unless it holds data."""
+        if (picture := self.first_of(*names)) is None:
+            return None
+        make = lambda: Texture(self._name, rgba_of(picture), has_alpha=has_alpha, holds_data=holds_data)
+        key = id(picture), has_alpha, holds_data
+        return self._textures.get(key) or self._textures.setdefault(key, make())
+
+    def pbr(self) -> PbrParameters | None:
+        """The metallic-roughness parameters of a PBRMaterial, with the defaults of glTF; None if it is diffuse."""
+        if not hasattr(self._material, "metallicFactor"):
+            return None
+
+        def mapped(name: str, holds_data: bool = True) -> TextureMap | None:
+            texture = self.texture(name, holds_data=holds_data)
+            return None if texture is None else TextureMap(texture)
+
+        r, g, b = self.factor("emissiveFactor", default=0.0)[:3].tolist()
+        parameters = PbrParameters(
+            metallic=min(max(self.number("metallicFactor", 1.0), 0.0), 1.0),
+            roughness=min(max(self.number("roughnessFactor", 1.0), 0.0), 1.0),
+            metal_map=mapped("metallicRoughnessTexture"),
+            occlusion_map=mapped("occlusionTexture"),
+            normal_map=mapped("normalTexture"),
+            emission=(r, g, b),
+            emission_map=mapped("emissiveTexture", False) if any((r, g, b)) else None,
+        )
+        return None if parameters.is_plain else parameters
 
 
 def _material(material: Any, name: str, textures: _Textures) -> Material:
     """A trimesh material. Its factors are linear, its image is sRGB."""
-
-    def first_of(*names: str) -> Any:
-        return next((v for n in names if (v := getattr(material, n, None)) is not None), None)
-
-    factor, picture = first_of("baseColorFactor", "diffuse"), first_of("baseColorTexture", "image")
-    factor = np.ones(4) if factor is None else np.asarray(factor)
-    factor = np.append(factor / 255.0 if factor.dtype.kind in "iu" else factor, 1.0)[:4]
-    mode = first_of("alphaMode")
+    given = _TrimeshMaterial(material, name, textures)
+    mode = given.first_of("alphaMode")
     mode = mode if mode in (MASK, BLEND) else OPAQUE
-    key, texture = (id(picture), mode != OPAQUE), None
-    if picture is not None:
-        texture = textures.get(key) or Texture(name, rgba_of(picture), has_alpha=mode != OPAQUE)
-        textures[key] = texture
-    r, g, b, a = np.clip(factor, 0.0, 1.0).tolist()
-    cutoff = first_of("alphaCutoff")
-    return Material(name, (r, g, b, a), texture, mode, 0.5 if cutoff is None else float(cutoff))
+    r, g, b, a = np.append(given.factor("baseColorFactor", "diffuse", default=1.0), 1.0)[:4].tolist()
+    texture = given.texture("baseColorTexture", "image", has_alpha=mode != OPAQUE)
+    return Material(name, (r, g, b, a), texture, mode, given.number("alphaCutoff", 0.5), pbr=given.pbr())
 
 
 # --- Open3D ------------------------------------------------------------------------------------------------------
@@ -255,7 +296,7 @@ def _meshio(mesh: Any, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
                 faces.append(corners[:, [0, 2, 3]])
         elif kind not in _FLAT:
             notes.append(
-                f"{name}: {len(block.data)} cells of kind {block.type!r} were left out; "
+                f"{name}: left out {counted(len(block.data), 'cell')} of kind {block.type!r}; "
                 "pyvista.from_meshio(mesh).extract_surface() has their surface"
             )
     if not faces:
@@ -287,7 +328,7 @@ def data_of_arrays(
             raise InputError(f"{name}: vertices are a triangle soup (n, 3, 3); leave faces out")
         indices = as_array(faces, f"{name}: faces")
     elif positions.shape[:-1] and positions.reshape(-1, 3).shape[0] % 3:
-        raise InputError(f"{name}: {len(positions)} vertices are not a multiple of 3; give faces")
+        raise InputError(f"{name}: {counted(len(positions), 'vertex', 'are')} not a multiple of 3; give faces")
     positions = positions.reshape(-1, 3)
     mesh = make_mesh(name, positions, indices, colours, name)
     if any(attribute is not None for attribute in (vertex_colours, uv, texture, normals)):

@@ -11,13 +11,26 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..base.errors import InputError
 from ..base.extras import import_extra
 from ..base.files import atomic_output
+from ..base.wording import counted
 from ..scene.materials import PLAIN, linear_to_srgb
-from ..scene.mesh import Mesh, StaticMeshes, VertexAttributes, flip_v, make_mesh, textured_mesh
+from ..scene.mesh import (
+    Mesh,
+    StaticMeshes,
+    VertexAttributes,
+    check_faces,
+    check_finite,
+    distinct_vertices,
+    flip_v,
+    make_mesh,
+    textured_mesh,
+)
 from ..scene.palette_scene import PaletteScene
+from .face_ranges import FaceRanges, FileRows, RangedMesh, n_spans
 from .obj_file import MeshNames
 from .ply_rows import INDICES, PlyProperty, check_rows, elements_of
 from .text_numbers import parsed_numbers
@@ -38,10 +51,15 @@ _STL_HEADER = 84  # bytes: a text, and the number of facets
 # --- Reading ----------------------------------------------------------------------------------------------------------
 
 
-def read_mesh_file(path: Path) -> tuple[StaticMeshes, list[str]]:
-    """(source, notes) for a .ply or .stl file. The notes list everything left out."""
-    data, file = path.read_bytes(), path.name
-    where = f'{file}: mesh "{path.stem}"'
+def read_mesh_file(path: Path, streamed: bool = False) -> tuple[StaticMeshes | RangedMesh, list[str]]:
+    """(source, notes) for a .ply or .stl file. The notes list everything left out.
+
+    streamed : leave the faces in the file, if it is binary and of triangles only
+    """
+    file, where = path.name, f'{path.name}: mesh "{path.stem}"'
+    if streamed and (ranges := _face_ranges(path, where)) is not None:
+        return RangedMesh(ranges, path.stem, file, where), []
+    data = path.read_bytes()
     if path.suffix.lower() == ".stl":
         is_text = _is_text(data)
         return StaticMeshes(_read_solids(data, path) if is_text else _read_facets(data, path.stem, where), file), []
@@ -59,8 +77,11 @@ def _read_facets(data: bytes, name: str, where: str) -> list[Mesh]:
     needed, file = _STL_HEADER + count * _FACET.itemsize, where.partition(":")[0]
     if len(data) != needed:
         raise InputError(f"{file}: STL header needs {needed} bytes, there are {len(data)}; copy the file again")
-    facets = np.frombuffer(data, _FACET, count, _STL_HEADER)
-    return [make_mesh(name, facets["corners"].reshape(-1, 3), None, None, where)]
+    return [_mesh_of_facets(np.frombuffer(data, _FACET, count, _STL_HEADER), name, where)]
+
+
+def _mesh_of_facets(facets: np.ndarray, name: str, where: str) -> Mesh:
+    return make_mesh(name, facets["corners"].reshape(-1, 3), None, None, where)
 
 
 def _read_solids(data: bytes, path: Path) -> list[Mesh]:
@@ -124,11 +145,16 @@ def _read_triangles(data: bytes, name: str, where: str) -> Mesh | None:
     if rows is None or not (rows[1]["n"] == 3).all():
         return None
     vertices, faces = rows
+    return _mesh_of_rows(vertices, faces, faces["corners"], name, where)
+
+
+def _mesh_of_rows(vertices: np.ndarray, faces: np.ndarray, corners: np.ndarray, name: str, where: str) -> Mesh:
+    """The mesh of rows of a PLY file; `corners`: (f, 3), which index the vertices."""
     of_faces, of_vertices = _colours(faces), _colours(vertices)
-    mesh = make_mesh(name, _columns(vertices, *"xyz"), faces["corners"], of_faces, where)
+    mesh = make_mesh(name, _columns(vertices, *"xyz"), corners, of_faces, where)
     normals = _columns(vertices, *_NORMAL) if "nx" in (vertices.dtype.names or ()) else None
     material, attributes = PLAIN if of_faces is None else None, VertexAttributes(None, of_vertices, normals)
-    return textured_mesh(mesh, faces["corners"], len(vertices), material, where, attributes)
+    return textured_mesh(mesh, corners, len(vertices), material, where, attributes)
 
 
 def _colours(rows: np.ndarray) -> np.ndarray | None:
@@ -152,13 +178,22 @@ class _PlyLayout(NamedTuple):
     face: np.dtype  # fields: n, the number of corners; corners, three indices
     is_text: bool
 
+    @property
+    def faces_start(self) -> int:
+        """The first byte of the faces of a binary file."""
+        return self.start + self.n_vertices * self.vertex.itemsize
+
+    @property
+    def size(self) -> int:
+        """The bytes of a binary file."""
+        return self.faces_start + self.n_faces * self.face.itemsize
+
     def rows(self, data: bytes) -> tuple[np.ndarray, np.ndarray] | None:
         """The vertices and faces of a binary file; None if its size is another one."""
-        end = self.start + self.n_vertices * self.vertex.itemsize
-        if len(data) - end != self.n_faces * self.face.itemsize:
+        if len(data) != self.size:
             return None
         vertices = np.frombuffer(data, self.vertex, self.n_vertices, self.start)
-        return vertices, np.frombuffer(data, self.face, self.n_faces, end)
+        return vertices, np.frombuffer(data, self.face, self.n_faces, self.faces_start)
 
     def text_rows(self, data: bytes) -> tuple[np.ndarray, np.ndarray] | None:
         """The same of a file of text, with int64 indices; None if it has other numbers."""
@@ -241,7 +276,7 @@ def _mesh(name: str, part: Any, file: str) -> Mesh:
     where = f'{file}: mesh "{name}"'
     positions, faces = np.asarray(part.vertices), np.asarray(part.faces)
     if positions.ndim != 2 or positions.shape[1] != 3:
-        raise InputError(f"{where} has vertices of {positions.shape[-1]} numbers; a vertex is x y z")
+        raise InputError(f"{where} has vertices of {counted(positions.shape[-1], 'number')}; a vertex is x y z")
     colours = np.asarray(part.visual.face_colors) if part.visual.kind == "face" else None
     mesh = make_mesh(name, positions, faces, colours, where)  # checks the indices
     of_vertices = np.asarray(part.visual.vertex_colors) if part.visual.kind == "vertex" else None
@@ -270,7 +305,7 @@ def _check_ply(data: bytes, file: str) -> None:
     for kind in (b"element", b"property"):
         if (count := len(re.findall(rb"^" + kind, head, re.MULTILINE))) > _MOST_PROPERTIES:
             raise InputError(
-                f"{file}: PLY header has {count:,} lines of {kind.decode()}, more than {_MOST_PROPERTIES:,}; "
+                f"{file}: PLY header has {counted(count, 'line')} of {kind.decode()}, more than {_MOST_PROPERTIES:,}; "
                 "export x, y, z, colours and faces only"
             )
     if (empty := _PLY_EMPTY.search(head)) is not None:
@@ -281,8 +316,71 @@ def _check_ply(data: bytes, file: str) -> None:
     declared = sum(counts.values())
     if declared > available:
         raise InputError(
-            f"{file}: PLY header declares {declared} elements, but there is room for {available}; copy it again"
+            f"{file}: PLY header declares {counted(declared, 'element')}, and has room for {available}; copy it again"
         )
+
+
+# --- Files whose faces are read range by range ------------------------------------------------------------------------
+
+
+_HEAD = 1 << 20  # bytes in which the header of a PLY file ends
+_MOST_ROWS = 1 << 31  # indices are int32
+
+
+def spans_of_mesh_file(path: Path) -> int:
+    """The number of spans of a .ply or .stl file of which any faces can be read; 1 for others."""
+    ranges = _face_ranges(path, path.name)
+    return 1 if ranges is None else n_spans(ranges)
+
+
+def _face_ranges(path: Path, where: str) -> FaceRanges | None:
+    """The faces of a binary file of triangles, which are read as they are needed; None for other files."""
+    size = path.stat().st_size
+    with path.open("rb") as stream:
+        head = stream.read(_HEAD)
+    if path.suffix.lower() == ".stl":
+        count = int.from_bytes(head[80:_STL_HEADER], "little")
+        return _StlFaces(path, count, where) if size == _STL_HEADER + count * _FACET.itemsize else None
+    layout = _ply_layout(head, path.name) if head.startswith(b"ply") and b"end_header" in head else None
+    if layout is None or layout.is_text or layout.size != size or layout.n_vertices >= _MOST_ROWS:
+        return None
+    return _PlyFaces(path, layout, where)
+
+
+class _StlFaces:
+    """The facets of a binary STL file."""
+
+    def __init__(self, path: Path, n_faces: int, where: str):
+        self.n_faces, self._name, self._where = n_faces, path.stem, where
+        self._facets = FileRows(path, _FACET, _STL_HEADER)
+
+    def mesh(self, faces: NDArray[np.int64]) -> Mesh:
+        facets = self._facets[faces]
+        numbers = 3 * faces[:, None] + np.arange(3)
+        check_finite(facets["corners"].reshape(-1, 3), self._where, numbers.reshape(-1))
+        return _mesh_of_facets(facets, self._name, self._where)
+
+
+class _PlyFaces:
+    """The faces of a binary PLY file of triangles."""
+
+    def __init__(self, path: Path, layout: _PlyLayout, where: str):
+        self.n_faces, self._n_vertices = layout.n_faces, layout.n_vertices
+        self._name, self._file, self._where = path.stem, path.name, where
+        self._vertices = FileRows(path, layout.vertex, layout.start)
+        self._faces = FileRows(path, layout.face, layout.faces_start)
+
+    def mesh(self, faces: NDArray[np.int64]) -> Mesh:
+        rows = self._faces[faces]
+        if (others := np.flatnonzero(rows["n"] != 3)).size:
+            face, n = int(faces[others[0]]), int(rows["n"][others[0]])
+            raise InputError(
+                f"{self._file}: face {face} has {counted(n, 'corner')}; triangulate the mesh, and export it again"
+            )
+        used, corners = distinct_vertices(check_faces(rows["corners"], self._n_vertices, self._where, int(faces[0])))
+        vertices = self._vertices[used]
+        check_finite(_columns(vertices, *"xyz"), self._where, used)
+        return _mesh_of_rows(vertices, rows, corners, self._name, self._where)
 
 
 # --- Writing ----------------------------------------------------------------------------------------------------------

@@ -6,18 +6,31 @@ come from MTL files beside it.
 """
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import count
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..base.errors import InputError
 from ..base.files import atomic_output, checked_file, sibling
+from ..base.wording import counted
 from ..kernels.parallel import map_in_threads
-from ..scene.materials import BLEND, MASK, OPAQUE, PLAIN, Material, Texture, check_textures, without_texture
+from ..scene.materials import (
+    BLEND,
+    MASK,
+    OPAQUE,
+    PLAIN,
+    Material,
+    PbrParameters,
+    Texture,
+    TextureMap,
+    check_textures,
+    checked_size,
+    without_texture,
+)
 from ..scene.mesh import Mesh, StaticMeshes, VertexAttributes, flip_v, make_mesh, textured_mesh
 from ..scene.palette_scene import PaletteScene
 from .text_numbers import parsed_numbers
@@ -36,59 +49,90 @@ _WORDS = {
 
 def read_obj(path: Path) -> tuple[StaticMeshes, list[str]]:
     """(source, notes) for an .obj file. The notes list everything left out."""
-    lines = _lines_of(path.read_bytes())
-    files = SideFiles(path.parent, path.name)
-    heads = _Heads.of_lines(lines, path.name)
-    materials = read_materials(heads.libraries, files)
-    rows = {kind: lines.rows(prefix) for kind, prefix in _PREFIXES.items()}
-    vertices, uv, normals = (_numbers(lines, rows[kind], kind, path.name) for kind in ("v", "vt", "vn"))
-    triangles = _triangles(lines, rows, path.name)
-    notes = [*_left_out(lines, rows, triangles, path.name), *_dangling(triangles, uv, normals, path.name)]
-    if len(vertices) and len(triangles.line) and vertices.shape[1] < 3:
-        raise InputError(f"{path.name}: has vertices of {vertices.shape[1]} numbers; a vertex is x y z")
-    attributes = _Attributes(vertices[:, :3], vertices[:, 3:6], uv[:, :2], normals, path.name)
-    meshes, names = list[Mesh](), MeshNames(heads.name, len(materials) > 1)
-    groups = list(heads.groups(rows["f"][triangles.line]))
-    for material, chosen in groups:
+    part, files = ObjPart.of_text(path.read_bytes(), path.name), SideFiles(path.parent, path.name)
+    materials = read_materials(part.heads.libraries, files)
+    attributes = ObjAttributes.of_numbers(part.numbers, len(part.corners) > 0, path.name)
+    meshes, names = list[Mesh](), MeshNames(part.heads.name, len(materials) > 1)
+    groups = list(part.groups())
+    for material, corners in groups:
         name = names.of(material) if len(groups) > 1 else path.stem
-        meshes.append(attributes.mesh(name, triangles.corners[chosen], materials.get(material)))
-    return StaticMeshes(meshes, path.name), files.notes + notes
+        meshes.append(attributes.mesh(name, corners, materials.get(material)))
+    return StaticMeshes(meshes, path.name), files.notes + notes_on([part.summary], part.numbers, path.name)
 
 
-def _left_out(lines: "_Lines", rows: dict[str, NDArray[np.int64]], triangles: "_Triangles", file: str) -> Iterator[str]:
-    """Notes on faces without three corners, and on lines that begin with none of the words of OBJ files."""
-    n_thin = len(rows["f"]) - len(np.unique(triangles.line))
-    if n_thin:
-        yield f"{file}: {n_thin} faces with fewer than 3 corners are left out"
+class PartSummary(NamedTuple):
+    """What notes on consecutive lines of a file need."""
+
+    n_thin: int  # faces with fewer than three corners
+    unknown: list[tuple[int, str]]  # lines that begin with none of the words of OBJ files: (number, word)
+    most: NDArray[np.int64]  # (3,): the largest number of a vertex, texture coordinate and normal of a corner; -1: none
+
+
+class ObjPart(NamedTuple):
+    """What consecutive lines of a file say."""
+
+    n_lines: int
+    numbers: "list[NumberRows]"  # vertices, texture coordinates and normals
+    corners: NDArray[np.int64]  # as `_PolygonTriangles.corners`, with the numbers of the whole file
+    face_rows: NDArray[np.int64]  # (n,) int64: the line of each triangle
+    heads: "_Heads"
+    summary: PartSummary
+
+    @classmethod
+    def of_text(cls, text: bytes, file: str, first: int = 0, earlier: tuple[int, ...] = (0, 0, 0)) -> "ObjPart":
+        """Whole lines of a file.
+
+        first : the number of lines before them
+        earlier : the numbers of vertices, texture coordinates and normals before them
+        """
+        lines = _lines_of(text)._replace(first=first)
+        rows = {kind: lines.rows(prefix) for kind, prefix in _PREFIXES.items()}
+        numbers: list[NumberRows] = [_numbers(lines, rows[kind], kind, file) for kind in _NUMBERS]
+        triangles = _triangles(lines, rows, file, earlier)
+        n_thin = len(rows["f"]) - len(np.unique(triangles.line))
+        most = np.asarray(triangles.corners.max(axis=(0, 1), initial=-1))
+        summary = PartSummary(n_thin, _unknown_lines(lines, rows), most)
+        heads, of_faces = _Heads.of_lines(lines, file), rows["f"][triangles.line]
+        return cls(len(lines.starts), numbers, triangles.corners, of_faces, heads, summary)
+
+    def groups(self, material: str | None = None) -> Iterator[tuple[str | None, NDArray[np.int64]]]:
+        """The corners of the triangles by material, the last material first; `material`: before the first head."""
+        return ((name, self.corners[chosen]) for name, chosen in self.heads.groups(self.face_rows, material))
+
+
+def _unknown_lines(lines: "_FileLines", rows: dict[str, NDArray[np.int64]]) -> list[tuple[int, str]]:
     known = np.zeros(len(lines.starts), bool)
     known[np.concatenate(list(rows.values()))] = True
     known |= np.isin(lines.data[lines.starts], _OTHERS)
-    words = [(row + 1, lines.line(row).split(b" ")[0]) for row in np.flatnonzero(~known).tolist()]
-    unknown = [(row, word.decode("utf-8", "replace")) for row, word in words if word not in _WORDS]
+    words = [(lines.first + row + 1, lines.line(row).split(b" ")[0]) for row in np.flatnonzero(~known).tolist()]
+    return [(row, word.decode("utf-8", "replace")) for row, word in words if word not in _WORDS]
+
+
+def notes_on(parts: Sequence[PartSummary], numbers: "Sequence[NumberRows]", file: str) -> list[str]:
+    """Notes on what is left out of a file, whose vertices, texture coordinates and normals are `numbers`."""
+    notes, unknown = list[str](), [line for part in parts for line in part.unknown]
+    if n_thin := sum(part.n_thin for part in parts):
+        notes.append(f"{file}: left out {counted(n_thin, 'face')} with fewer than 3 corners")
     if unknown:
         row, word = unknown[0]
-        yield f"{file}: {len(unknown)} lines of unknown words are left out; line {row} begins with {word[:20]!r}"
-
-
-def _dangling(
-    triangles: "_Triangles", uv: NDArray[np.float64], normals: NDArray[np.float64], file: str
-) -> Iterator[str]:
-    """Notes on texture coordinates and normals that faces use and that the file lacks."""
-    for column, attributes, what in ((1, uv, "texture coordinates"), (2, normals, "normals")):
-        used = triangles.corners[..., column]
-        if used.size and used.max() >= len(attributes):
-            yield f"{file}: faces use {what} that the file lacks; these are left out"
+        what = f"line {row} begins with {word[:20]!r}"
+        notes.append(f"{file}: left out {counted(len(unknown), 'line')} of unknown words; {what}")
+    for column, attribute in ((1, "texture coordinates"), (2, "normals")):
+        if max((int(part.most[column]) for part in parts), default=-1) >= len(numbers[column]):
+            notes.append(f"{file}: faces use {attribute} that the file lacks; these are left out")
+    return notes
 
 
 # --- Lines and numbers ------------------------------------------------------------------------------------------------
 
 
-class _Lines(NamedTuple):
+class _FileLines(NamedTuple):
     """The lines of a file."""
 
     data: NDArray[np.uint8]  # bytes, with three more after the last newline
     starts: NDArray[np.int64]  # (n,) int64: the first byte of each line
     ends: NDArray[np.int64]  # (n,) int64: the position of its newline
+    first: int = 0  # the number of lines of the file before them, for errors
 
     def rows(self, prefix: bytes) -> NDArray[np.int64]:
         """The lines that begin with a word; `prefix`: the word, followed by spaces up to three bytes."""
@@ -113,7 +157,7 @@ class _Lines(NamedTuple):
         return self.data[self.starts[row] : self.ends[row]].tobytes()
 
 
-def _lines_of(data: bytes) -> _Lines:
+def _lines_of(data: bytes) -> _FileLines:
     if b"\\" in data:
         data = re.sub(rb"\\\r?\n", b" ", data)
     if any(each in data for each in _IRREGULAR):
@@ -121,10 +165,10 @@ def _lines_of(data: bytes) -> _Lines:
         data = re.sub(rb" ?\n ?", b"\n", data)
     data_bytes = np.frombuffer(data.lstrip(b" ") + b"\n\0\0\0", np.uint8)
     ends = np.flatnonzero(data_bytes == _NEWLINE)
-    return _Lines(data_bytes, np.append(0, ends[:-1] + 1), ends)
+    return _FileLines(data_bytes, np.append(0, ends[:-1] + 1), ends)
 
 
-def _numbers(lines: _Lines, rows: NDArray[np.int64], kind: str, file: str) -> NDArray[np.float64]:
+def _numbers(lines: _FileLines, rows: NDArray[np.int64], kind: str, file: str) -> NDArray[np.float64]:
     """(n, k) float64: the numbers on lines of a kind, k of the shortest one."""
     text = lines.text(rows)
     columns = len(text[: text.find(b"\n")].split())
@@ -135,8 +179,10 @@ def _numbers(lines: _Lines, rows: NDArray[np.int64], kind: str, file: str) -> ND
     lengths = [*map(len, words)]
     columns = min(lengths)
     if columns < max(lengths) and columns < _NUMBERS[kind]:
-        row = rows[lengths.index(columns)] + 1
-        raise InputError(f"{file}: line {row}, of {kind}, has {columns} numbers, and others {max(lengths)}; {_CURE}")
+        row = lines.first + rows[lengths.index(columns)] + 1
+        raise InputError(
+            f"{file}: line {row}, of {kind}, has {counted(columns, 'number')}, and others {max(lengths)}; {_CURE}"
+        )
     try:
         return np.array([[float(word) for word in row[:columns]] for row in words], np.float64)
     except ValueError as error:
@@ -164,7 +210,7 @@ class _Heads(NamedTuple):
     materials: list[str]  # their names
 
     @classmethod
-    def of_lines(cls, lines: _Lines, file: str) -> "_Heads":
+    def of_lines(cls, lines: _FileLines, file: str) -> "_Heads":
         words: dict[bytes, list[tuple[int, str]]] = {b"usemtl": [], b"mtllib": [], b"o": []}
         first = lines.data[lines.starts]
         for row in np.flatnonzero((first == ord("u")) | (first == ord("m")) | (first == ord("o"))).tolist():
@@ -177,9 +223,9 @@ class _Heads(NamedTuple):
         materials = [name for _, name in words[b"usemtl"]]
         return cls(names[0] if names else "geometry", [name for _, name in words[b"mtllib"]], rows, materials)
 
-    def groups(self, rows: NDArray[np.int64]) -> Iterator[tuple[str | None, NDArray[np.int64]]]:
-        """The faces on lines `rows`, by material (None: before the first one), the last material first."""
-        names = dict.fromkeys([None, *self.materials])
+    def groups(self, rows: NDArray[np.int64], before: str | None) -> Iterator[tuple[str | None, NDArray[np.int64]]]:
+        """The faces on lines `rows`, by material, the last material first; `before`: that before the first head."""
+        names = dict.fromkeys([before, *self.materials])
         number = {name: k for k, name in enumerate(names)}
         of_head = np.array([0, *(number[name] for name in self.materials)])
         of_face = of_head[np.searchsorted(self.rows, rows)]
@@ -217,14 +263,16 @@ def _numbered(name: str) -> Iterator[str]:
 # --- Faces ------------------------------------------------------------------------------------------------------------
 
 
-class _Triangles(NamedTuple):
+class _PolygonTriangles(NamedTuple):
     """The triangles of all polygons, in the order of the file."""
 
     corners: NDArray[np.int64]  # (n, 3, 3) int64: vertex, texture coordinates and normal of each corner; -1: none
     line: NDArray[np.int64]  # (n,) int64: index of the line among those of faces
 
 
-def _triangles(lines: _Lines, rows: dict[str, NDArray[np.int64]], file: str) -> _Triangles:
+def _triangles(
+    lines: _FileLines, rows: dict[str, NDArray[np.int64]], file: str, earlier: tuple[int, ...]
+) -> _PolygonTriangles:
     text = lines.text(rows["f"])
     text = re.sub(rb"#[^\n]*", b"", text) if b"#" in text else text
     data = np.frombuffer(text, np.uint8)
@@ -234,17 +282,17 @@ def _triangles(lines: _Lines, rows: dict[str, NDArray[np.int64]], file: str) -> 
     of_line = np.repeat(np.arange(len(sides)), sides)
     corners = _corners(text, data, tokens, file)
     if (corners[:, 0] == 0).any():
-        row = rows["f"][of_line[np.argmax(corners[:, 0] == 0)]] + 1
+        row = lines.first + rows["f"][of_line[np.argmax(corners[:, 0] == 0)]] + 1
         raise InputError(f"{file}: line {row} uses vertex 0; OBJ counts vertices from 1, {_CURE}")
     if (corners < 0).any():  # counted back from the line
-        before = [np.searchsorted(rows[kind], rows["f"])[of_line] for kind in ("v", "vt", "vn")]
+        before = [n + np.searchsorted(rows[kind], rows["f"])[of_line] for n, kind in zip(earlier, _NUMBERS)]
         corners = np.where(corners < 0, corners + np.stack(before, 1) + 1, corners)
     corners, first = corners - 1, np.cumsum(sides) - sides
     n = np.maximum(sides - 2, 0)
     line = np.repeat(np.arange(len(n)), n)
     step = np.arange(len(line)) - (np.cumsum(n) - n)[line]
     fan = first[line][:, None] + np.stack([0 * step, step + 1, step + 2], 1)
-    return _Triangles(corners[fan], line)
+    return _PolygonTriangles(corners[fan], line)
 
 
 def _corners(text: bytes, data: NDArray[np.uint8], tokens: NDArray[np.int64], file: str) -> NDArray[np.int64]:
@@ -277,36 +325,64 @@ def _corners(text: bytes, data: NDArray[np.uint8], tokens: NDArray[np.int64], fi
 # --- Meshes -----------------------------------------------------------------------------------------------------------
 
 
-class _Attributes(NamedTuple):
+class NumberRows(Protocol):
+    """(n, k) float64, in memory or in a file."""
+
+    @property
+    def shape(self) -> tuple[int, ...]: ...
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, numbers: Any) -> NDArray[np.float64]:
+        """The rows with these numbers."""
+        ...
+
+
+class ObjAttributes(NamedTuple):
     """The vertex data of a file."""
 
-    positions: NDArray[np.float64]  # (v, 3) float64
-    colours: NDArray[np.float64]  # (v, 0 or 3) float64, sRGB in [0, 1]
-    uv: NDArray[np.float64]  # (t, k) float64, v up
-    normals: NDArray[np.float64]  # (n, k) float64
+    vertices: NumberRows  # positions; with six columns or more, also sRGB colours in [0, 1]
+    uv: NumberRows  # v up
+    normals: NumberRows
     file: str
 
-    def mesh(self, name: str, corners: NDArray[np.int64], material: Material | None) -> Mesh:
-        """A mesh of triangles, (f, 3, 3) int64 as `_Triangles.corners`."""
+    @classmethod
+    def of_numbers(cls, numbers: Sequence[NumberRows], has_faces: bool, file: str) -> "ObjAttributes":
+        """From the numbers of `ObjPart`."""
+        vertices, uv, normals = numbers
+        if len(vertices) and has_faces and vertices.shape[1] < _NUMBERS["v"]:
+            raise InputError(f"{file}: has vertices of {counted(vertices.shape[1], 'number')}; a vertex is x y z")
+        return cls(vertices, uv, normals, file)
+
+    def columns_of(self, least: NDArray[np.int64], most: NDArray[np.int64]) -> list[int]:
+        """The columns of corners that count: 0, and those of attributes that all corners have.
+
+        least, most : (3,) the least and largest number in each column
+        """
+        has_uv = least[1] >= 0 and most[1] < len(self.uv) and self.uv.shape[1] >= _NUMBERS["vt"]
+        has_normals = least[2] >= 0 and most[2] < len(self.normals) and self.normals.shape[1] == _NUMBERS["vn"]
+        return [0, *([1] if has_uv else []), *([2] if has_normals else [])]
+
+    def mesh(
+        self, name: str, corners: NDArray[np.int64], material: Material | None, used: list[int] | None = None
+    ) -> Mesh:
+        """A mesh of triangles, (f, 3, 3) int64 as `_PolygonTriangles.corners`; `used`: its `columns_of`."""
         where = f'{self.file}: mesh "{name}"'
-        if corners[..., 0].min() < 0 or corners[..., 0].max() >= len(self.positions):
+        least, most = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+        if least[0] < 0 or most[0] >= len(self.vertices):
             raise InputError(f"{where}: a face uses a missing vertex; {_CURE}")
-        used = [0, *(k for k, rows in ((1, self.uv), (2, self.normals)) if _are_rows(corners[..., k], rows, k))]
+        used = self.columns_of(least, most) if used is None else used
         chosen, faces = _distinct(corners.reshape(-1, 3)[:, used])
         vertex, uv_row, normal_row = corners.reshape(-1, 3)[chosen].T
-        uv = flip_v(self.uv[uv_row], len(chosen)) if 1 in used else None
+        vertices = self.vertices[vertex]
+        uv = flip_v(self.uv[uv_row][:, :2], len(chosen)) if 1 in used else None
         normals = self.normals[normal_row] if 2 in used else None
         colours = None
-        if material is None and uv is None and self.colours.shape[1] == 3:
-            colours = np.round(np.clip(np.nan_to_num(self.colours[vertex], posinf=0.0), 0.0, 1.0) * 255.0)
-        mesh = make_mesh(name, self.positions[vertex], faces, None, where)
+        if material is None and uv is None and vertices.shape[1] >= 6:
+            colours = np.round(np.clip(np.nan_to_num(vertices[:, 3:6], posinf=0.0), 0.0, 1.0) * 255.0)
+        mesh = make_mesh(name, vertices[:, :3], faces, None, where)
         attributes = VertexAttributes(uv, None if colours is None else colours.astype(np.uint8), normals)
         return textured_mesh(mesh, faces, len(chosen), material or PLAIN, where, attributes)
-
-
-def _are_rows(indices: NDArray[np.int64], rows: np.ndarray, kind: int) -> bool:
-    """Whether all corners have an attribute: texture coordinates (1), or normals (2)."""
-    return bool(indices.min() >= 0 and indices.max() < len(rows) and rows.shape[1] == kind + 1)
 
 
 def _distinct(keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -343,10 +419,9 @@ class SideFiles:
 
     def read(self, name: str, instead: str) -> bytes | None:
         """The contents of a file; None, with a note that ends with what happens instead, if it cannot be read."""
-        name = _OPTIONS.sub("", name.strip()).replace("\\", "/")
-        where = f"{self.file}: file {name[:80]!r}"
+        where = f"{self.file}: file {_bare(name)[:80]!r}"
         try:
-            path = checked_file(sibling(self._folder, name, f"{self.file}: file"), where)
+            path = checked_file(self._sibling(name), where)
             if path.stat().st_size > _MAX_BYTES:
                 raise InputError(f"{where} is too large")
             return path.read_bytes()
@@ -354,9 +429,30 @@ class SideFiles:
             self.notes.append(f"{error} ({instead})")
             return None
 
+    def path_of(self, name: str) -> Path | None:
+        """The path of a file, which may be missing; None: it is beyond the scene's folder."""
+        try:
+            return self._sibling(name)
+        except InputError:
+            return None
+
+    def _sibling(self, name: str) -> Path:
+        return sibling(self._folder, _bare(name), f"{self.file}: file")
+
+
+def _bare(name: str) -> str:
+    """The name of a file, without the options of a texture."""
+    return _OPTIONS.sub("", name.strip()).replace("\\", "/")
+
+
+def texture_names(library: bytes) -> list[str]:
+    """The textures in an MTL file, with their options."""
+    fields = _fields_of(decoded_text(library)).values()
+    return [each[key] for each in fields for key in ("map_kd", "map_d") if key in each]
+
 
 def read_materials(libraries: Iterable[str], files: SideFiles) -> dict[str | None, Material]:
-    """The materials in MTL files, by name: Kd (linear) and d or Tr, with the textures map_Kd and map_d."""
+    """The materials in MTL files, by name: Kd (linear), d or Tr, Ke, Pm and Pr, with map_Kd, map_d, map_Ke and norm."""
     fields = dict[str, dict[str, str]]()
     for library in dict.fromkeys(libraries):
         data = files.read(library, "its materials are white")
@@ -364,7 +460,62 @@ def read_materials(libraries: Iterable[str], files: SideFiles) -> dict[str | Non
             fields.update(_fields_of(decoded_text(data)))
     names = [(each.get("map_kd", ""), each.get("map_d", "")) for each in fields.values()]
     textures = _read_textures([pair for pair in dict.fromkeys(names) if any(pair)], files)
-    return {name: _material(name, each, textures.get(pair)) for (name, each), pair in zip(fields.items(), names)}
+    maps = _Maps(files)
+    out: dict[str | None, Material] = {
+        name: _material(name, each, textures.get(pair), maps) for (name, each), pair in zip(fields.items(), names)
+    }
+    if left := sorted({what for each in fields.values() for word, what in _LEFT_OUT.items() if word in each}):
+        files.notes.append(f"{files.file}: materials: left out: {', '.join(left)}")
+    return out
+
+
+_LEFT_OUT = {"bump": "bump maps", "map_bump": "bump maps"}
+_LEFT_OUT |= {"map_pm": "maps of metalness and roughness", "map_pr": "maps of metalness and roughness"}
+_BRIGHTEST = 1e30  # the limit of intensities
+_SCALE = re.compile(r"(?:^|\s)-bm\s+(\S+)")  # of a normal map
+
+
+class _Maps:
+    """The textures of materials besides their base colours. Files that cannot be used are left out with a note."""
+
+    def __init__(self, files: SideFiles) -> None:
+        self._files = files
+        self._found: dict[tuple[str, bool], TextureMap | None] = {}
+
+    def map_of(self, line: str, holds_data: bool) -> TextureMap | None:
+        """The texture that a line names; None without one."""
+        if not line:
+            return None
+        if (line, holds_data) not in self._found:
+            self._found[line, holds_data] = self._read(line, holds_data)
+        return self._found[line, holds_data]
+
+    def _read(self, line: str, holds_data: bool) -> TextureMap | None:
+        data, name = self._files.read(line, "left out"), _OPTIONS.sub("", line)
+        if data is None:
+            return None
+        try:
+            checked_size(data)
+        except ValueError as error:
+            self._files.notes.append(f"{self._files.file}: texture {name[:80]!r} is unusable ({error}); left out")
+            return None
+        return TextureMap(Texture(f"{self._files.file}: {name}", data, holds_data=holds_data))
+
+
+def _pbr_of(fields: dict[str, str], maps: _Maps) -> PbrParameters | None:
+    """Emission (Ke), normal map (norm), metalness (Pm) and roughness (Pr); None for a diffuse surface."""
+    emission, bump = _channels(fields.get("ke", ""), _BRIGHTEST), fields.get("norm", "")
+    metallic, roughness, scale = _channels(fields.get("pm", "")), _channels(fields.get("pr", "")), _SCALE.search(bump)
+    r, g, b = emission[:3] if len(emission) >= 3 else emission[:1] * 3 or [float("map_ke" in fields)] * 3
+    pbr = PbrParameters(
+        metallic=metallic[0] if metallic else 0.0,
+        roughness=roughness[0] if roughness else 1.0,
+        normal_map=maps.map_of(bump, True),
+        normal_scale=(_channels(scale[1], _BRIGHTEST) or [1.0])[0] if scale else 1.0,
+        emission=(r, g, b),
+        emission_map=maps.map_of(fields.get("map_ke", ""), False) if any((r, g, b)) else None,
+    )
+    return None if pbr.is_plain else pbr
 
 
 def decoded_text(data: bytes) -> str:
@@ -387,25 +538,27 @@ def _fields_of(text: str) -> dict[str, dict[str, str]]:
     return materials
 
 
-def _material(name: str, fields: dict[str, str], texture: Texture | None) -> Material:
+def _material(name: str, fields: dict[str, str], texture: Texture | None, maps: _Maps) -> Material:
     diffuse = _channels(fields.get("kd", ""))
     r, g, b = diffuse[:3] if len(diffuse) >= 3 else diffuse[:1] * 3 or [1.0] * 3
     opacity, clearness = _channels(fields.get("d", "")), _channels(fields.get("tr", ""))
     alpha = opacity[-1] if opacity else 1.0 - clearness[-1] if clearness and "d" not in fields else 1.0
     mode = MASK if texture is not None and texture.has_alpha else BLEND if alpha < 1.0 else OPAQUE
-    material = Material(name, (r, g, b, alpha), texture, mode)
+    material = Material(name, (r, g, b, alpha), texture, mode, pbr=_pbr_of(fields, maps))
     lost = "map_kd" in fields and (texture is None or texture.picture is None)
     return without_texture(material) if lost else material
 
 
-def _channels(text: str) -> list[float]:
-    """The numbers among the words of a line, clamped to [0, 1]."""
+def _channels(text: str, most: float = 1.0) -> list[float]:
+    """The numbers among the words of a line, clamped to [0, most]."""
     numbers = list[float]()
     for word in text.split():
         try:
-            numbers.append(float(np.clip(float(word), 0.0, 1.0)))
+            value = float(word)
         except ValueError:  # such as -halo
             continue
+        if not np.isnan(value):
+            numbers.append(min(max(value, 0.0), most))
     return numbers
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.errors import InputError
+from ..base.wording import counted
 from .text_numbers import parsed_numbers
 
 TYPES = {
@@ -98,7 +99,7 @@ def check_rows(data: bytes, file: str) -> list[str]:
     n_lines = sum(bool(line.strip()) for line in body.splitlines()) if n_thin and isinstance(rows, _TextRows) else None
     if n_lines not in (None, sum(each.n_rows for each in elements)):  # a row that is lacking shifts all others
         raise InputError(f"{file}: its rows are not those that its PLY header declares; copy the file again")
-    return [f"{file}: {n_thin} faces with fewer than {_LEAST_CORNERS} corners are left out"] if n_thin else []
+    return [f"{file}: left out {counted(n_thin, 'face')} with fewer than {_LEAST_CORNERS} corners"] if n_thin else []
 
 
 def _numbers_of(body: bytes, file: str) -> NDArray[np.float64]:
@@ -136,12 +137,14 @@ class _TextRows(_PlyRows):
     @property
     def left(self) -> str:  # type: ignore[override]
         n = len(self._numbers) - self._at
-        return f"{n} numbers" if n else ""
+        return f"{counted(n, 'number')}" if n else ""
 
     def _take(self, n: int, where: str) -> NDArray[np.float64]:
         taken = self._numbers[self._at : self._at + n]
         if len(taken) < n:
-            raise InputError(f"{where}: needs {n} numbers, {len(taken)} are left; the file is cut short, copy it again")
+            raise InputError(
+                f"{where}: needs {counted(n, 'number')}, {len(taken)} are left; the file is cut short, copy it again"
+            )
         self._at += n
         return taken
 

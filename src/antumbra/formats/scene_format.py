@@ -22,16 +22,18 @@ class ReadOptions(NamedTuple):
     cutouts: bool = True  # False: all faces are solid
     crs: str | None = None  # instead of that of the file; to which footprints in degrees are projected
     unit: LengthUnit | None = None  # of the coordinates, if no CRS names it
+    animation: str | None = None  # the clip of a glTF file that plays; None: all at once
+    streamed: bool = False  # for a store: meshes become `StreamedData`
 
 
-Reader: TypeAlias = Callable[[Path, ReadOptions], SceneData]
-"""(path, options) -> the data of a scene."""
+Reader: TypeAlias = Callable[[Any, ReadOptions], SceneData]
+"""(path, or an object that the format takes; options) -> the data of a scene."""
 
 Writer: TypeAlias = Callable[[PaletteScene, str, Path], list[Path]]
 """(scene, name of its mesh, path) -> the files written."""
 
-Tile: TypeAlias = tuple[Path, Mapping[str, Any]]
-"""A file, and options of reading it by name: "up", "unit", and those of the format."""
+Tile: TypeAlias = tuple[Any, Mapping[str, Any]]
+"""A path or an object that the format takes, and options of reading by name: "up", "unit", and those of the format."""
 
 Stream: TypeAlias = Callable[[Sequence[Tile]], StreamedTerrain]
 """Tiles of one surface -> the surface, read piece by piece."""
@@ -60,6 +62,8 @@ class Format(NamedTuple):
     reproject: Callable[[str, bool], str] | None = (
         None  # (CRS, whether the file names its own) -> the command that does
     )
+    takes: Callable[[Any], bool] | None = None  # whether its reader and its stream also take this object of a library
+    by_url: bool = False  # whether its reader also takes URLs, and checks the path
 
 
 def check_z_up(up: str | None, name: str) -> None:

@@ -1,6 +1,7 @@
 """Scene data: triangles over time, with cameras, lights and materials. Nothing here reads scene files or traces rays.
 
 - `scene_data`: `SceneData` and `MemoryData`, city objects, and grouped loader notes
+- `streamed_data`: scenes that are read piece by piece, for stores
 - `mesh`: indexed triangles, and `Source`, the geometry interface of a scene
 - `instances`: copies of meshes, and a scene of them
 - `instance_bounds`: the exact bounds of copies
@@ -16,7 +17,10 @@
 - `sky`: skies and environment maps
 - `default_picture`: the framed geometry and the lights of a scene's default picture
 - `materials`: materials, textures and colours
+- `ktx2`: compressed textures
+- `rough_mirrors`: directions in which rough surfaces mirror light
 - `appearance`: textures, vertex colours and shading normals per face corner
+- `tangents`: tangents of normal maps
 - `alpha_masks`: cut-out faces
 - `raster`: the cells of a horizontal raster
 - `terrain`: the triangulated surface of a raster of heights

@@ -7,9 +7,9 @@ Transmittances multiply along a ray. They are stored as *depths*, rounded logari
 on the order of the faces: every plan gets the same product.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,12 +72,75 @@ class Cutouts(NamedTuple):
         return first[season.reshape(-1)]
 
 
+def without_panes(cutouts: Cutouts) -> Cutouts:
+    """The cut-outs without faces that closest hits meet at every texel of their masks, which become solid."""
+    meets = np.minimum.reduceat(cutouts.depths[:, 3], cutouts.rows) > 0  # each mask has at least one row of its own
+    panes = meets[cutouts.mask]
+    solid = np.sort(np.concatenate([cutouts.solid, cutouts.faces[panes]]))
+    return cutouts._replace(solid=solid, faces=cutouts.faces[~panes], uv=cutouts.uv[~panes], mask=cutouts.mask[~panes])
+
+
 def channels_of(depths: NDArray[np.int32]) -> int:
     """Number of values that tell the transmittances: 0 if faces only have holes, 1 if they are grey, else 3."""
     depth = depths[:, :3]
     if (depth != depth[:, :1]).any():
         return 3
     return int(((depth > 0) & (depth <= DARK)).any())
+
+
+class TexelMask(NamedTuple):
+    """A mask with depths in place of shares: its part of `Cutouts`."""
+
+    shape: tuple[int, int, int, int]  # width, height, wrap modes along u and v
+    texels: NDArray[np.uint8]  # (height * width,) uint8: rows of `depths`
+    depths: NDArray[np.int32]  # (m, 4) int32
+    months: NDArray[np.int32]  # (12, m, 4) int32; (0, m, 4): `depths` never change
+
+
+class FaceMasks:
+    """Finds the masks of faces, of all faces of a scene at once or part by part.
+
+    All parts are counted before the first one is found.
+
+    masks : those found so far
+    """
+
+    def __init__(self) -> None:
+        self.masks = list[AlphaMask]()
+        self._numbers = dict[_Key, int]()
+        self._alphas = dict[Material, NDArray[np.float64]]()  # those of the faces of a material, at most _LEVELS + 1
+
+    def count(self, appearance: Appearance) -> None:
+        """Count the alphas of some faces."""
+        for material, faces in _open_materials(appearance):
+            known = self._alphas.get(material, np.empty(0))
+            self._alphas[material] = np.union1d(known, _alphas(appearance, material, faces))[: _LEVELS + 1]
+
+    def find(self, appearance: Appearance) -> NDArray[np.int32]:
+        """(n,) int32: the index in `masks` for each face; -1: the face is solid.
+
+        Raises
+        ------
+        InputError
+            If a texture cannot be decoded.
+        """
+        mask = np.full(len(appearance.material_of_face), -1, np.int32)
+        for material, faces in _open_materials(appearance):
+            alphas, textured = _alphas(appearance, material, faces), appearance.textured[faces]
+            if len(self._alphas[material]) > _LEVELS:
+                alphas = np.round(alphas * (_LEVELS - 1)) / (_LEVELS - 1)
+            for alpha in np.unique(alphas):
+                for has_texture in (True, False):
+                    rows = faces[(alphas == alpha) & (textured == has_texture)]
+                    if len(rows):
+                        mask[rows] = self._number((material, has_texture, float(alpha)))
+        return mask
+
+    def _number(self, key: _Key) -> int:
+        if key not in self._numbers:
+            self._numbers[key] = len(self.masks)
+            self.masks.append(_mask_of(*key))
+        return self._numbers[key]
 
 
 def find_cutouts(appearance: Appearance) -> Cutouts | None:
@@ -94,25 +157,18 @@ def find_cutouts(appearance: Appearance) -> Cutouts | None:
     InputError
         If a texture cannot be decoded.
     """
-    mask = np.full(len(appearance.material_of_face), -1, np.int32)
-    masks, numbers = list[AlphaMask](), dict[_Key, int]()
-    for index, material in enumerate(appearance.materials):
-        if not material.lets_light_pass:
-            continue
-        faces = np.flatnonzero(appearance.material_of_face == index)
-        alphas, textured = _alphas(appearance, material, faces), appearance.textured[faces]
-        for alpha in np.unique(alphas):
-            for has_texture in (True, False):
-                rows = faces[(alphas == alpha) & (textured == has_texture)]
-                if not len(rows):
-                    continue
-                key = material, has_texture, float(alpha)
-                if key not in numbers:
-                    numbers[key] = len(masks)
-                    masks.append(_mask_of(*key))
-                mask[rows] = numbers[key]
+    found = FaceMasks()
+    found.count(appearance)
+    mask = found.find(appearance)
     uv = np.zeros((len(mask), 3, 2), np.float32) if appearance.uv is None else appearance.uv
-    return cutouts_of(uv, mask, masks)
+    return cutouts_of(uv, mask, found.masks)
+
+
+def _open_materials(appearance: Appearance) -> Iterator[tuple[Material, NDArray[np.int64]]]:
+    """The materials that let light pass, each with its faces."""
+    for index, material in enumerate(appearance.materials):
+        if material.lets_light_pass:
+            yield material, np.flatnonzero(appearance.material_of_face == index)
 
 
 def _alphas(appearance: Appearance, material: Material, faces: np.ndarray) -> NDArray[np.float64]:
@@ -120,8 +176,7 @@ def _alphas(appearance: Appearance, material: Material, faces: np.ndarray) -> ND
     alpha = np.full(len(faces), float(material.factor[3]))
     if appearance.colours is not None:
         alpha *= appearance.colours[faces, :, 3].mean(1, dtype=np.float64)
-    many = len(np.unique(alpha)) > _LEVELS
-    return np.round(alpha * (_LEVELS - 1)) / (_LEVELS - 1) if many else alpha
+    return alpha
 
 
 def _mask_of(material: Material, has_texture: bool, alpha: float) -> AlphaMask:
@@ -187,30 +242,58 @@ def cutouts_of(uv: NDArray[np.float32], mask: NDArray[np.int32], masks: Sequence
     uv : (n, 3, 2) float32, texture coordinates of the corners of all faces
     mask : (n,) int32, index in `masks` for each face; -1: the face is solid
     """
-    kinds, tables = np.full(len(mask), SOLID, np.int8), [_tables_of(each) for each in masks]
-    for k, (each, table) in enumerate(zip(masks, tables)):
-        faces = np.flatnonzero(mask == k)
-        kinds[faces] = _kinds(finite_uv(uv[faces]), each, table)
+    kinds = kinds_of(uv, mask, masks)
     if not kinds.any():
         return None
     cut = np.flatnonzero(kinds == CUT).astype(np.int32)
-    parts = {id(each.texels): each.texels for each in masks}
-    offsets = dict(zip(parts, np.cumsum([0, *(part.size for part in parts.values())])))
-    shapes = np.array([(*each.texels.shape[::-1], *each.wrap) for each in masks], np.int32)
-    n_months = len(MONTHS) if any(len(table) > 1 for table in tables) else 0
-    months = [np.broadcast_to(table[-len(MONTHS) :], (len(MONTHS), *table.shape[1:]))[:n_months] for table in tables]
-    return Cutouts(
-        np.flatnonzero(kinds == SOLID).astype(np.int32),
-        cut,
-        finite_uv(uv[cut]),
-        mask[cut].astype(np.int32),
-        shapes,
-        np.array([offsets[id(each.texels)] for each in masks], np.int64),
-        np.concatenate([part.ravel() for part in parts.values()]),
-        np.cumsum([0, *(table.shape[1] for table in tables)])[:-1],
-        np.concatenate([table[0] for table in tables]),
-        np.concatenate(months, axis=1),
-    )
+    solid = np.flatnonzero(kinds == SOLID).astype(np.int32)
+    table = mask_columns([texel_mask(each) for each in masks])
+    return Cutouts(solid, cut, finite_uv(uv[cut]), mask[cut].astype(np.int32), **table)
+
+
+def kinds_of(uv: NDArray[np.float32], mask: NDArray[np.int32], masks: Sequence[AlphaMask]) -> NDArray[np.int8]:
+    """(n,) int8: SOLID, CUT or CLEAR; the arguments are those of `cutouts_of`."""
+    kinds = np.full(len(mask), SOLID, np.int8)
+    for k in np.unique(mask[mask >= 0]).tolist():
+        faces = np.flatnonzero(mask == k)
+        kinds[faces] = _kinds(finite_uv(uv[faces]), masks[k], _tables_of(masks[k]))
+    return kinds
+
+
+def texel_mask(mask: AlphaMask) -> TexelMask:
+    """A mask with the depths of its shares."""
+    h, w = mask.texels.shape
+    table = _tables_of(mask)
+    return TexelMask((w, h, *mask.wrap), mask.texels.reshape(-1), table[0], table[1:])
+
+
+def mask_columns(masks: Sequence[TexelMask]) -> dict[str, Any]:
+    """The fields of `Cutouts` about masks, which may share their texels."""
+    parts = {each.texels.ctypes.data: each.texels for each in masks}
+    offsets = dict(zip(parts, np.cumsum([0, *map(len, parts.values())])))
+    n_months = max((len(each.months) for each in masks), default=0)
+    months = [np.broadcast_to(each.months if len(each.months) else each.depths, (n_months, *each.depths.shape))
+              for each in masks]  # fmt: skip
+    no_depths = np.empty((0, 4), np.int32)
+    return {
+        "shapes": np.array([each.shape for each in masks], np.int32).reshape(-1, 4),
+        "first": np.array([offsets[each.texels.ctypes.data] for each in masks], np.int64),
+        "texels": np.concatenate([np.empty(0, np.uint8), *parts.values()]),
+        "rows": np.cumsum([0, *(len(each.depths) for each in masks)])[:-1],
+        "depths": np.concatenate([no_depths, *(each.depths for each in masks)]),
+        "months": np.concatenate([np.broadcast_to(no_depths, (n_months, 0, 4)), *months], axis=1),
+    }
+
+
+def masks_in(cutouts: Cutouts) -> list[TexelMask]:
+    """The masks of cut-outs, in order."""
+    ends = np.append(cutouts.rows, len(cutouts.depths))
+    masks = list[TexelMask]()
+    for shape, first, begin, end in zip(cutouts.shapes.tolist(), cutouts.first.tolist(), ends[:-1], ends[1:]):
+        w, h, wrap_u, wrap_v = shape
+        texels, months = cutouts.texels[first : first + w * h], cutouts.months[:, begin:end]
+        masks.append(TexelMask((w, h, wrap_u, wrap_v), texels, cutouts.depths[begin:end], months))
+    return masks
 
 
 def _tables_of(mask: AlphaMask) -> NDArray[np.int32]:

@@ -6,15 +6,27 @@ Shading normals are stored relative to their triangles (`normals_in_frames`), so
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
-from typing import NamedTuple
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.pickles import without_cached
 from ..kernels.small_matrices import determinant, inverse, product
-from .materials import PLAIN, LightShare, Material, MeshAppearance, Texture
+from .materials import (
+    PLAIN,
+    LightShare,
+    Material,
+    MeshAppearance,
+    PbrParameters,
+    Texture,
+    TextureMap,
+    pbr_of,
+)
 from .mesh import Source
 from .scene_bounds import faces_of
+from .tangents import corner_tangents
 
 SHARPEST = 0.35
 """About the sine of 20 degrees: faces that bend more form a visible edge."""
@@ -32,7 +44,19 @@ class Appearance:
     colours: NDArray[np.float32] | None  # (n, 3, 4) float32: linear colour and alpha of corners; 1 where there is none
     normals: NDArray[np.float32] | None  # (n, 3, 3) float32: corner normals, `normals_in_frames`; 0 where there is none
     bends: NDArray[np.float32] | None  # (n, 3) float32: sine of the angle from normals to faces, see `_bends`
-    textured: NDArray[np.bool_]  # (n,) bool: whether the face has a texture
+    textured: NDArray[np.bool_]  # (n,) bool: whether the face shows a texture
+    mapped: NDArray[np.bool_] | None = None  # (n,) bool: whether it has texture coordinates; None: as `textured`
+    tangents: NDArray[np.float32] | None = None  # (n, 3, 3) float32: of corners, as `normals`, for normal maps
+    hands: NDArray[np.float32] | None = None  # (n,) float32: +-1, the handedness of `tangents`; 0 where there is none
+
+    def __getstate__(self) -> dict[str, Any]:
+        return without_cached(self)
+
+    @cached_property
+    def pbr(self) -> list[PbrParameters] | None:
+        """The parameters of each material; None if all surfaces are diffuse."""
+        parameters = [pbr_of(material) for material in self.materials]
+        return None if all(each.is_plain for each in parameters) else parameters
 
     @property
     def textures(self) -> list[Texture]:
@@ -81,19 +105,32 @@ def appearance_of(source: Source, n: int, plain: bool = False) -> Appearance | N
     parts = list(_parts(source))
     if not parts or (not plain and all(part.look.is_plain for part in parts)):
         return None
+    (normals, bends), (tangents, hands) = _normals(parts, n), _tangents(parts, n)
+    return replace(_without_normals(parts, n), normals=normals, bends=bends, tangents=tangents, hands=hands)
+
+
+def appearance_of_mesh(look: MeshAppearance, faces: NDArray[np.integer]) -> Appearance:
+    """The appearance of the (f, 3) faces of a mesh, without normals."""
+    return _without_normals([_MeshFaces(look, faces, 0, 1, None)], len(faces))
+
+
+def _without_normals(parts: "list[_MeshFaces]", n: int) -> Appearance:
     looks = {id(part.look): part.look for part in parts}
     materials = list(dict.fromkeys(material for look in looks.values() for material in look.materials))
     number = {material: i for i, material in enumerate(materials)}
     numbers = {key: np.array([number[m] for m in look.materials] + [-1], np.int32) for key, look in looks.items()}
-    material_of_face, textured = np.full(n, -1, np.int32), np.zeros(n, bool)
+    material_of_face, mapped = np.full(n, -1, np.int32), np.zeros(n, bool)
     for part in parts:
         look, of_copies = part.look, (part.copies, len(part.faces))
         of_face = 0 if look.material_of_face is None else look.material_of_face  # -1 selects the last entry, also -1
         material_of_face[part.rows].reshape(of_copies)[:] = numbers[id(look)][of_face]
-        textured[part.rows].reshape(of_copies)[:] = look.uv is not None if look.textured is None else look.textured
+        mapped[part.rows].reshape(of_copies)[:] = look.uv is not None if look.textured is None else look.textured
     uv = _corners(parts, "uv", np.zeros((n, 3, 2), np.float32))
     colours = _corners(parts, "colours", np.ones((n, 3, 4), np.float32))
-    return Appearance(materials, material_of_face, uv, colours, *_normals(parts, n), textured)
+    textured = mapped
+    if any(material.has_maps and material.texture is None for material in materials):
+        textured = mapped & np.array([m.texture is not None for m in materials] + [False])[material_of_face]
+    return Appearance(materials, material_of_face, uv, colours, None, None, textured, mapped)
 
 
 def _parts(source: Source) -> Iterator[_MeshFaces]:
@@ -123,9 +160,7 @@ def _normals(parts: list[_MeshFaces], n: int) -> tuple[np.ndarray | None, np.nda
     for part in shaded:
         normals, rest_positions = part.look.normals, part.look.rest_positions
         assert normals is not None and rest_positions is not None
-        linear = np.eye(3)[None].repeat(part.copies, 0) if part.linear is None else part.linear
-        singular = np.abs(determinant(linear)) < _FLAT * np.linalg.norm(linear, axis=(1, 2)) ** 3
-        linear = np.where(singular[:, None, None], np.eye(3), linear)  # scaled to zero at rest: use object space
+        linear = _invertible(part)
         corners = product(rest_positions, linear.transpose(0, 2, 1))
         turned = product(normals, inverse(linear))  # by the inverse transpose
         corners, turned = (each[:, part.faces].reshape(-1, 3, 3) for each in (corners, turned))
@@ -133,6 +168,41 @@ def _normals(parts: list[_MeshFaces], n: int) -> tuple[np.ndarray | None, np.nda
         vertices = part.faces + len(rest_positions) * np.arange(part.copies)[:, None, None]
         bends[part.rows] = _bends(corners, turned, vertices.reshape(-1, 3), part.copies * len(rest_positions))
     return out, bends
+
+
+def _invertible(part: _MeshFaces) -> NDArray[np.float64]:
+    """(k, 3, 3) float64: the linear parts of the transforms of copies; the identity where they are singular."""
+    linear = np.eye(3)[None].repeat(part.copies, 0) if part.linear is None else part.linear
+    singular = np.abs(determinant(linear)) < _FLAT * np.linalg.norm(linear, axis=(1, 2)) ** 3
+    return np.where(singular[:, None, None], np.eye(3), linear)  # scaled to zero at rest: use object space
+
+
+def _tangents(parts: list[_MeshFaces], n: int) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """`Appearance.tangents` and `Appearance.hands`. Those of mirrored copies are turned, as are their triangles."""
+    bumpy = [part for part in parts if part.look.uv is not None and any(map(_bump_of, part.look.materials))]
+    if not bumpy:
+        return None, None
+    out, hands = np.zeros((n, 3, 3), np.float32), np.zeros(n, np.float32)
+    for part in bumpy:
+        look, faces, positions = part.look, part.faces, part.look.rest_positions
+        assert positions is not None and look.uv is not None
+        uv, has_bump = look.uv[faces], np.zeros(len(faces), bool)
+        for k, material in enumerate(look.materials):
+            if (bump := _bump_of(material)) is not None:
+                rows = np.ones(len(faces), bool) if look.material_of_face is None else look.material_of_face == k
+                uv[rows], has_bump = bump.transformed(uv[rows]), has_bump | rows
+        tangents = corner_tangents(positions, faces, uv, look.normals, look.tangents)
+        linear = _invertible(part)
+        corners = product(positions, linear.transpose(0, 2, 1))[:, faces].reshape(-1, 3, 3)
+        mirrored = np.sign(determinant(linear))[:, None, None]
+        turned = product(tangents[..., :3].reshape(-1, 3), linear.transpose(0, 2, 1)) * mirrored
+        out[part.rows] = normals_in_frames(corners, turned.reshape(-1, 3, 3))
+        hands[part.rows] = np.tile(np.where(has_bump, np.sign(tangents[:, 0, 3]), 0.0), part.copies)
+    return out, hands
+
+
+def _bump_of(material: Material) -> TextureMap | None:
+    return pbr_of(material).normal_map
 
 
 def _bends(corners: np.ndarray, normals: np.ndarray, vertices: np.ndarray, n_vertices: int) -> NDArray[np.float64]:

@@ -43,9 +43,11 @@ def exit_distance(planes: np.ndarray, start: np.ndarray, along: np.ndarray) -> f
 
 KINDS = "perspective", "orthographic", "top", "panoramic"
 
-_SUN_ELEVATION, _SUN_AZIMUTH = np.radians(48.0), np.radians(-70.0)  # azimuth relative to the viewer; left is negative
+_SUN_AZIMUTH = np.radians(-70.0)  # relative to the viewer; left is negative
+_SUN_ELEVATION, _LOW_SUN = np.radians(48.0), np.radians(28.0)
+_FLAT = 0.2  # height of the scene relative to its width, below which the low sun shows its relief
 _SUN_WIDTH = 1.5  # degrees; slightly softer than the sun's 0.53
-_SUN, _SUN_COLOUR = 4.5, (1.0, 0.95, 0.87)
+_SUN, _BRIGHT_SUN, _SUN_COLOUR = 4.5, 6.0, (1.0, 0.95, 0.87)  # the bright one is low
 _INSIDE = 1e-3  # gap between an orthographic camera in a closed box and its content, in picture heights
 _LAMP_HEIGHT = 0.8  # of the lamp over the middle, relative to the ceiling's
 _LAMP_REACH = 0.6  # limit of this height, relative to the distance from eye to target: lights the walls of a shaft too
@@ -59,6 +61,7 @@ class DefaultView(NamedTuple):
     points: NDArray[np.float64]  # (k, 3) float64, world
     up: str
     room: Room | None  # shown from inside; None: `points` are shown from outside
+    bounds: NDArray[np.float64]  # (2, 3) world: of the scene, which a store also has
 
     def camera(self, width: int, height: int) -> Camera:
         """The default camera for a size in pixels."""
@@ -85,10 +88,21 @@ class DefaultView(NamedTuple):
         gap = _INSIDE if in_box else 1.0
         return orthographic_camera(self.points, self.up, width, height, kind == "top", gap)
 
+    def sun(self) -> DirectionalLight:
+        """A sun to the left of the default camera, slightly behind it; lower over terrain and towns, which are flat."""
+        right, upward, towards = axes(self.up)
+        along, height, across = np.abs(dot(axes(self.up), self.bounds[1] - self.bounds[0]))
+        flat = self.room is None and 0.0 < height < _FLAT * (along + across) / 2.0
+        elevation, intensity = (_LOW_SUN, _BRIGHT_SUN) if flat else (_SUN_ELEVATION, _SUN)
+        azimuth = AZIMUTH + _SUN_AZIMUTH
+        horizontal = sin(azimuth) * right + cos(azimuth) * towards
+        direction = cos(elevation) * horizontal + sin(elevation) * upward
+        return DirectionalLight(-direction, _SUN_WIDTH, intensity=intensity, colour=_SUN_COLOUR)
+
     def lights(self) -> list[Light]:
         """Sun and sky; in a closed room, a lamp below the ceiling and the sky."""
         if self.room is None or self.room.open:
-            return [sun(self.up), Sky(up=self.up)]
+            return [self.sun(), Sky(up=self.up)]
         room = self.room
         height = min(_LAMP_HEIGHT * room.height, _LAMP_REACH * float(length(room.target - room.eye)))
         middle = room.middle + _LAMP_BACK * (room.eye - room.middle) + height * axes(self.up)[1]
@@ -98,7 +112,7 @@ class DefaultView(NamedTuple):
 
 def view_of_bounds(bounds: np.ndarray, up: str) -> DefaultView:
     """The default view of a scene from its bounds alone."""
-    return DefaultView(corners_of(bounds), up, None)
+    return DefaultView(corners_of(bounds), up, None, bounds)
 
 
 def missing_skies(lights: list[Light], up: str) -> list[Light]:
@@ -107,12 +121,3 @@ def missing_skies(lights: list[Light], up: str) -> list[Light]:
     if not suns or any(isinstance(light, Sky) for light in lights):
         return []
     return [Sky(up=up, intensity=max(light.intensity for light in suns) / _SUN)]
-
-
-def sun(up: str) -> DirectionalLight:
-    """A sun to the left of the default camera, slightly behind it."""
-    right, upward, towards = axes(up)
-    azimuth = AZIMUTH + _SUN_AZIMUTH
-    horizontal = sin(azimuth) * right + cos(azimuth) * towards
-    direction = cos(_SUN_ELEVATION) * horizontal + sin(_SUN_ELEVATION) * upward
-    return DirectionalLight(-direction, _SUN_WIDTH, intensity=_SUN, colour=_SUN_COLOUR)

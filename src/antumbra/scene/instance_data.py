@@ -10,9 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base.errors import InputError, one_line
 from ..base.pickles import without_cached
-from .camera import Camera
 from .instances import InstancedSource
-from .lights import Light
 from .materials import Transmittance
 from .mesh import Source
 from .scene_bounds import MAX_SAMPLED_FACES, check_extent, flush_to_zero, frame_origin
@@ -106,6 +104,8 @@ class InstanceData(SceneData):
     instances : InstanceSet
     boxes : (k, 2, 3) float64, world
         Exact bounds of each copy.
+    read_notes : tuple of str
+        Notes without the one that materials are left out, since no other way to load helps a store.
     """
 
     instanced: ClassVar[bool] = True
@@ -128,9 +128,9 @@ class InstanceData(SceneData):
         self.name, self.up, self.crs = one_line(name), check_up_axis(up), crs
         self.unit = unit
         self.instances = source.instances()
-        if any(mesh.varied for mesh in self.instances.meshes):
-            notes = (*notes, f"{source.file}: instances have one colour per face; instances=False loads textures")
-        self.notes = tuple(one_line(note) for note in notes)
+        self.read_notes = tuple(one_line(note) for note in notes)
+        looks = f"{source.file}: instances have one colour per face; instances=False loads textures and materials"
+        self.notes = (*self.read_notes, one_line(looks)) if self.has_looks else self.read_notes
         self._n_triangles = self.instances.n_triangles
         self._check_finite(source.file)
         self.boxes = instance_bounds(self.instances, thread_count(threads))
@@ -144,6 +144,11 @@ class InstanceData(SceneData):
 
     def __getstate__(self) -> dict[str, Any]:
         return without_cached(self)
+
+    @property
+    def has_looks(self) -> bool:
+        """Whether the source has more than a colour per face."""
+        return any(mesh.varied for mesh in self.instances.meshes)
 
     def _check_finite(self, file: str) -> None:
         """Check that no world coordinate overflows, so that bounds are never NaN."""
@@ -207,12 +212,6 @@ class InstanceData(SceneData):
     def update(self, *arguments: Any, **options: Any) -> None:
         """Always raises InputError: instances stay where they are."""
         raise InputError(f"{self.name}: update cannot move instances; load the scene with instances=False")
-
-    def _cameras_at(self, time: float) -> list[Camera]:
-        return self._cameras
-
-    def _lights_at(self, time: float) -> list[Light]:
-        return self._lights
 
     # --- single faces ---
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.errors import InputError
+from ..base.wording import counted
 from .mesh import Mesh, MeshInfo, ObjectInfo, Piece, Source, n_faces
 
 VERTEX_BATCH = 1 << 18
@@ -157,7 +158,7 @@ class InstancedMeshes:
         ]
         total = sum(info.triangles * info.instances for info in self.meshes)
         if total > MAX_TRIANGLES:
-            raise InputError(f"{file}: {total} triangles with all instances; at most {MAX_TRIANGLES} fit")
+            raise InputError(f"{file}: {counted(total, 'triangle')} with all instances; at most {MAX_TRIANGLES} fit")
         for info, of_mesh in zip(self.meshes, matrices):
             flat = np.flatnonzero(singular(of_mesh))
             if len(flat):

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base.checks import as_array, flag, number, unit_vectors
 from ..base.errors import InputError
+from ..base.wording import counted
 from .lights import DIRECTIONAL, LIST, MAX_SPP, Light, LightPatch, check_distance, check_place
 
 # --- The common base of light lists -----------------------------------------------------------------------------------
@@ -49,7 +50,7 @@ class LightList(Light):
 
     def __repr__(self) -> str:
         suffix = ", interleave=True" if self.interleave else ""
-        return f"{type(self).__name__}({len(self.points)} lights, intensity={self.intensity:g}{suffix})"
+        return f"{type(self).__name__}({counted(len(self.points), 'light')}, intensity={self.intensity:g}{suffix})"
 
     def samples(self, spp: int) -> int:
         k = len(self.points)
@@ -90,7 +91,7 @@ class LightList(Light):
         if not 1 <= k <= limit:
             cure = "drop some" if self.interleave or k < 1 or k > MAX_SPP * N_SETS else "set interleave=True"
             cure = "give at least one" if k < 1 else cure
-            raise InputError(f"{name} has {k} lights; at most {limit} are allowed: {cure}")
+            raise InputError(f"{name} has {counted(k, 'light')}; at most {limit} are allowed: {cure}")
         object.__setattr__(self, "intensities", rows(self.intensities, k, 1, f"{name} intensities")[:, 0])
         object.__setattr__(self, "colours", rows(self.colours, k, 3, f"{name} colours"))
         if (self.intensities < 0).any():
@@ -124,7 +125,7 @@ def rows(value: ArrayLike, k: int | None, width: int, what: str) -> NDArray[np.f
             array = np.broadcast_to(array, (k, width))
     if array.ndim != 2 or array.shape[1] != width or (k is not None and len(array) != k):
         shape = "(k, 3)" if width == 3 else "(k,)"
-        lights = "" if k is None else f" for {k} lights"
+        lights = "" if k is None else f" for {counted(k, 'light')}"
         raise InputError(f"{what} must be finite numbers of shape {shape}{lights}, not {values.shape}")
     finite = np.isfinite(array).all(1)
     if not finite.all():

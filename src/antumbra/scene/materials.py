@@ -1,10 +1,9 @@
-"""Materials and textures: base colour, alpha mode, decoded images with mip levels, and mean face colours.
+"""Materials and textures: base colour, alpha mode, maps, decoded images with mip levels, and mean face colours.
 
 Also the conversions between sRGB and linear light.
 """
 
 import io
-import struct
 import threading
 import warnings
 from collections.abc import Iterable, Sequence
@@ -15,12 +14,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.extras import MissingPackage, import_extra
+from ..base.extras import MissingPackage
 from ..base.forks import hold_during_fork
 from ..base.memory import check_reading
 from ..base.pickles import Squeezed, squeezed, without_cached
 from ..kernels.elementary import log2, power
 from ..kernels.small_matrices import product
+from .ktx2 import decode_ktx2, is_ktx2, ktx2_size
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -52,6 +52,9 @@ PIXELS_PER_BYTE = 2048  # a larger image with more pixels per byte is a decompre
 
 LINEAR = BYTE_TO_LINEAR.astype(np.float32)
 """(256,) float32: the linear light of sRGB bytes."""
+
+SHARES = (np.arange(256) / 255.0).astype(np.float32)
+"""(256,) float32: the values of bytes that are numbers, not colours, such as roughness."""
 
 _OPENING = threading.Lock()  # warning filters are shared by all threads, and a race would leave ours in place
 hold_during_fork(_OPENING)
@@ -99,23 +102,23 @@ def rgba_of(image: "Image.Image") -> NDArray[np.uint8]:
     return np.array(image.convert("RGBA"))
 
 
-def linear_of(pixels: np.ndarray) -> NDArray[np.float32]:
-    """(h, w, 4) float32: sRGB bytes as linear light in [0, 1], and alpha."""
-    out = np.take(LINEAR, pixels)  # alpha too: one pass over memory is the fastest
+def linear_of(pixels: np.ndarray, table: NDArray[np.float32] = LINEAR) -> NDArray[np.float32]:
+    """(h, w, 4) float32: sRGB bytes as linear light in [0, 1], and alpha; `table`: the values of bytes."""
+    out = np.take(table, pixels)  # alpha too: one pass over memory is the fastest
     np.divide(pixels[..., 3], np.float32(255.0), out=out[..., 3])
     return out
 
 
-def mip_levels(pixels: np.ndarray, has_alpha: bool = False) -> list[np.ndarray]:
+def mip_levels(pixels: np.ndarray, has_alpha: bool = False, table: NDArray[np.float32] = LINEAR) -> list[np.ndarray]:
     """Mip levels of an image ((h, w, 4) uint8): means of 2 x 2, 4 x 4 ... texels, linear float32, down to one texel.
 
     An odd number of texels is halved by exact area averaging. With `has_alpha`, colours are weighted by alpha, so that
-    the colours of holes do not bleed into leaves.
+    the colours of holes do not bleed into leaves. `table`: the values of bytes.
     """
     if pixels.shape[:2] == (1, 1):
         return []
     strip_rows = len(pixels) if len(pixels) % 2 else _STRIP
-    strips = (linear_of(pixels[y : y + strip_rows]) for y in range(0, len(pixels), strip_rows))
+    strips = (linear_of(pixels[y : y + strip_rows], table) for y in range(0, len(pixels), strip_rows))
     weighted = np.concatenate([_halve_image(_premultiplied(strip) if has_alpha else strip) for strip in strips])
     levels = [weighted]
     while weighted.shape[:2] != (1, 1):
@@ -159,10 +162,12 @@ def _halve_rows(rows: NDArray[np.float32]) -> NDArray[np.float32]:
     return ((k - i) * rows[0:-1:2] + k * rows[1::2] + (i + 1) * rows[2::2]) * weights
 
 
-def bytes_of(linear: NDArray[np.float32]) -> NDArray[np.uint8]:
+def bytes_of(linear: NDArray[np.float32], table: NDArray[np.float32] = LINEAR) -> NDArray[np.uint8]:
     """(h, w, 4) uint8: the inverse of `linear_of`."""
     clamped = np.clip(linear, 0.0, 1.0)
     out = (clamped * np.float32(255.0) + np.float32(0.5)).astype(np.uint8)
+    if table is SHARES:
+        return out
     out[..., :3] = _TO_BYTE[(clamped[..., :3] * np.float32(_STEPS - 1) + np.float32(0.5)).astype(np.uint16)]
     return out
 
@@ -180,40 +185,6 @@ def _check_size(size: tuple[int, int], n_bytes: int) -> None:
     pixels = size[0] * size[1]
     if pixels > MAX_PIXELS or pixels > max(SMALL_PIXELS, PIXELS_PER_BYTE * n_bytes):
         raise ValueError(f"{size[0]}x{size[1]} pixels in {n_bytes} bytes are too many")
-
-
-# --- KTX2 images with Basis Universal compression, as in KHR_texture_basisu: ETC1S and UASTC --------------------------
-
-
-_MAGIC = b"\xabKTX 20\xbb\r\n\x1a\n"
-_SIZE = 20  # offset of the width and the height in the header
-
-
-def is_ktx2(data: bytes) -> bool:
-    """Whether an image is a KTX2 file."""
-    return data.startswith(_MAGIC)
-
-
-def ktx2_size(data: bytes) -> tuple[int, int]:
-    """(width, height) in pixels, from the header."""
-    width, height = struct.unpack_from("<II", data, _SIZE)
-    return width, height
-
-
-def decode_ktx2(data: bytes) -> NDArray[np.uint8]:
-    """(h, w, 4) uint8, contiguous: the largest level of a KTX2 image, rows from the top; alpha is 255 if it has none.
-
-    Raises
-    ------
-    MissingPackage
-        If the library of transcoders is missing.
-    ValueError
-        If the data are damaged, not compressed by Basis Universal, or not a single two-dimensional image.
-    """
-    texture = import_extra("opengl_basisu", "a KTX2 image", "compressed").open(data)
-    if texture.faces != 1 or texture.layers != 1:
-        raise ValueError(f"it has {texture.faces} faces and {texture.layers} layers, not one image")
-    return np.ascontiguousarray(texture.transcode("rgba8", level=0).data, np.uint8)
 
 
 # --- Materials, textures and vertex attributes ------------------------------------------------------------------------
@@ -244,6 +215,7 @@ class Texture:
     nearest: bool = False  # nearest-texel lookup instead of interpolation
     has_alpha: bool = False  # whether alpha matters: mip levels then weight colours by it
     opacity: bytes | None = field(default=None, repr=False)  # a second image, whose brightness is the alpha
+    holds_data: bool = False  # numbers, such as normals, instead of sRGB colours
 
     def __getstate__(self) -> dict[str, Any]:
         state = without_cached(self)
@@ -262,8 +234,9 @@ class Texture:
     @cached_property
     def mips(self) -> NDArray[np.uint8]:
         """(n,) uint8: the pixels of all smaller mip levels, concatenated; see `mip_levels`."""
-        levels = mip_levels(self.pixels, self.has_alpha)
-        return np.concatenate([np.empty(0, np.uint8), *(bytes_of(level).reshape(-1) for level in levels)])
+        table = SHARES if self.holds_data else LINEAR
+        levels = mip_levels(self.pixels, self.has_alpha, table)
+        return np.concatenate([np.empty(0, np.uint8), *(bytes_of(level, table).reshape(-1) for level in levels)])
 
     @cached_property
     def preview_levels(self) -> list[np.ndarray]:
@@ -298,15 +271,24 @@ def check_textures(textures: Iterable[Texture], file: str) -> None:
 def _pixel_count(image: bytes) -> int:
     """The pixels of an image; 0 if decoding it will fail."""
     try:
-        if is_ktx2(image):
-            size = ktx2_size(image)
-        else:
-            with _open_image(image) as opened:
-                size = opened.size
-        _check_size(size, len(image))
-    except Exception:  # Pillow's decoders raise a dozen error types on damaged files
+        width, height = checked_size(image)
+    except ValueError:
         return 0
-    return size[0] * size[1]
+    return width * height
+
+
+def checked_size(data: bytes) -> tuple[int, int]:
+    """(width, height) of an image from its header. Raises ValueError, with the reason, as `decode_image` would."""
+    try:
+        if is_ktx2(data):
+            size = ktx2_size(data)
+        else:
+            with _open_image(data) as opened:
+                size = opened.size
+        _check_size(size, len(data))
+    except Exception as error:  # Pillow's decoders raise a dozen error types on damaged files
+        raise ValueError(str(error) or type(error).__name__) from error
+    return size
 
 
 def is_plain_image(data: bytes) -> bool:
@@ -329,6 +311,64 @@ def _with_opaque_alpha(pixels: np.ndarray, opacity: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(np.dstack([np.asarray(colour), np.asarray(alpha)]))
 
 
+Affine: TypeAlias = tuple[tuple[float, float, float], tuple[float, float, float]]
+"""The rows of a (2, 3) matrix: a linear map of texture coordinates, and an offset."""
+
+
+class TextureMap(NamedTuple):
+    """A texture of a material besides its base colour."""
+
+    texture: Texture
+    transform: Affine | None = None  # from the material's texture coordinates to those of the map; None: equal
+
+    def transformed(self, uv: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Texture coordinates ((..., 2) float32) of the map."""
+        if self.transform is None:
+            return uv
+        (a, b, x), (c, d, y) = np.array(self.transform, np.float32)
+        u, v = uv[..., 0], uv[..., 1]
+        return np.stack([a * u + b * v + x, c * u + d * v + y], -1)
+
+
+class PbrParameters(NamedTuple):
+    """The metallic-roughness parameters of a glTF material besides its base colour. Factors multiply maps.
+
+    Only pictures use them: measured quantities are those of diffuse surfaces. `picture.ggx` has the formulas.
+    """
+
+    metallic: float = 0.0
+    roughness: float = 1.0
+    metal_map: TextureMap | None = None  # green: roughness, blue: metalness
+    occlusion_map: TextureMap | None = None  # red: share of ambient light that arrives
+    occlusion_strength: float = 1.0  # 0: the map has no effect
+    normal_map: TextureMap | None = None
+    normal_scale: float = 1.0  # of the map's x and y
+    emission: tuple[float, float, float] = (0.0, 0.0, 0.0)  # linear radiance, in nits
+    emission_map: TextureMap | None = None
+
+    @property
+    def maps(self) -> tuple[TextureMap, ...]:
+        """The maps that there are."""
+        maps = self.metal_map, self.occlusion_map, self.normal_map, self.emission_map
+        return tuple(each for each in maps if each is not None)
+
+    @property
+    def has_lobe(self) -> bool:
+        """Whether the surface has a GGX lobe. Without metal, at full roughness and without maps it is Lambertian."""
+        maps = self.metal_map is not None or self.occlusion_map is not None
+        return maps or self.metallic > 0.0 or self.roughness < 1.0
+
+    @property
+    def emits(self) -> bool:
+        """Whether the surface emits light."""
+        return any(self.emission)
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether the base colour is all that pictures show of the surface."""
+        return not (self.has_lobe or self.emits or self.normal_map is not None)
+
+
 LightShare: TypeAlias = tuple[float, float, float]
 """The shares of red, green and blue light that pass through a surface, each from 0 to 1."""
 
@@ -340,7 +380,7 @@ MONTHS = "jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "
 
 
 class Material(NamedTuple):
-    """The base colour of surfaces: factor times texture times vertex colour."""
+    """The base colour of surfaces: factor times texture times vertex colour; and what else pictures show of them."""
 
     name: str = ""
     factor: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)  # linear red, green, blue, and alpha
@@ -351,14 +391,28 @@ class Material(NamedTuple):
     transmission: float = 0.0  # share of the base colour that light keeps when it passes straight through
     transmittance: tuple[LightShare, ...] | None = None  # overrides it: one share, or one for each month
     closed: bool = False  # whether its surfaces enclose bodies, each of which lets the transmittance pass as a whole
+    pbr: PbrParameters | None = None  # for pictures; None: the surface is diffuse
 
     @property
     def lets_light_pass(self) -> bool:
         """Whether some light may pass through surfaces of this material."""
         return self.alpha_mode != OPAQUE or self.transmission > 0.0 or any(map(any, self.transmittance or ()))
 
+    @property
+    def has_maps(self) -> bool:
+        """Whether it needs texture coordinates."""
+        return self.texture is not None or (self.pbr is not None and bool(self.pbr.maps))
+
 
 PLAIN = Material()
+
+_LAMBERTIAN = PbrParameters()
+
+
+def pbr_of(material: Material) -> PbrParameters:
+    """The metallic-roughness parameters of a material; those of a Lambertian surface if it has none."""
+    return _LAMBERTIAN if material.pbr is None else material.pbr
+
 
 PINK = 0.9, 0.15, 0.6
 """Linear base colour of surfaces whose texture is missing, so that pictures show it; as in Blender and game engines."""
@@ -379,13 +433,14 @@ class MeshAppearance(NamedTuple):
     normals: NDArray[np.float32] | None = None  # (v, 3) float32, for shading
     rest_positions: np.ndarray | None = None  # (v, 3) float32 or float64: the positions that the normals belong to
     material_of_face: NDArray[np.int32] | None = None  # (f,) int32: index in `materials`, or -1; None: the only one
-    textured: NDArray[np.bool_] | None = None  # (f,) bool: textured faces; None: all if there is `uv`
+    textured: NDArray[np.bool_] | None = None  # (f,) bool: faces with coordinates; None: all if there is `uv`
+    tangents: NDArray[np.float32] | None = None  # (v, 4) float32: tangent of the normal map, and its handedness
 
     @property
     def is_plain(self) -> bool:
         """Whether one colour per face suffices, so that only the names of materials matter."""
         varied = self.uv is not None or self.colours is not None or self.normals is not None
-        return not varied and not any(material.lets_light_pass for material in self.materials)
+        return not varied and not any(each.lets_light_pass or each.pbr is not None for each in self.materials)
 
 
 def look_of(
@@ -394,12 +449,16 @@ def look_of(
     colours: NDArray[Any] | None = None,
     normals: ArrayLike | None = None,
     rest_positions: NDArray[Any] | None = None,
+    tangents: ArrayLike | None = None,
 ) -> MeshAppearance | None:
     """The look of a mesh; None if one colour per face suffices and the material has no name."""
-    uv = None if uv is None or material.texture is None else np.nan_to_num(np.asarray(uv, np.float32))
+    uv = None if uv is None or not material.has_maps else np.nan_to_num(np.asarray(uv, np.float32))
     colours = None if colours is None else rgba_rows(colours)
     normals = None if normals is None else np.nan_to_num(np.asarray(normals, np.float32))
-    look = MeshAppearance((material,), uv, colours, normals, None if normals is None else rest_positions)
+    mapped = uv is not None and material.pbr is not None and material.pbr.normal_map is not None
+    rest = None if normals is None and not mapped else rest_positions
+    tangents = None if tangents is None or not mapped else np.nan_to_num(np.asarray(tangents, np.float32))
+    look = MeshAppearance((material,), uv, colours, normals, rest, tangents=tangents)
     return None if look.is_plain and not material.name else look
 
 

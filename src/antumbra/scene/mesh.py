@@ -12,12 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base.checks import as_array
 from ..base.errors import InputError
+from ..base.wording import counted
 from .materials import BYTE_TO_LINEAR, PLAIN, Material, MeshAppearance, Texture, look_of, mean_colours
 
 # --- Indexed triangles and their checks -------------------------------------------------------------------------------
 
 
 WHITE = np.ones(3, np.float32)
+
+_SPARSE = 8  # indices whose range is this many times their number are sorted, not counted
 
 
 class Mesh(NamedTuple):
@@ -85,10 +88,24 @@ def used_faces(faces: np.ndarray, n_vertices: int, where: str) -> tuple[np.ndarr
     return renumbered[faces], used
 
 
-def check_faces(faces: np.ndarray, n_vertices: int, where: str) -> np.ndarray:
+def distinct_vertices(faces: np.ndarray) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """(the vertices that faces use, ascending; the faces as (f, 3) int32 indices of these). There is at least one."""
+    low, high = int(faces.min()), int(faces.max())
+    if high - low >= _SPARSE * faces.size:
+        used, local = np.unique(faces, return_inverse=True)
+        return used.astype(np.int64), local.reshape(-1, 3).astype(np.int32)
+    shifted, there = faces.astype(np.int64) - low, np.zeros(high - low + 1, bool)
+    there[shifted.reshape(-1)] = True
+    number = np.cumsum(there, dtype=np.int32) - np.int32(1)
+    return np.flatnonzero(there) + low, number[shifted]
+
+
+def check_faces(faces: np.ndarray, n_vertices: int, where: str, first: int = 0) -> np.ndarray:
     """A copy of `faces` as (f, 3) int32. Raises InputError with the first face that uses a missing vertex.
 
     Kernels do not check these indices, hence the copy: the caller could modify the array later.
+
+    first : number of the first face, for the error
     """
     faces = np.array(faces, order="C")  # copy before checking
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
@@ -96,19 +113,23 @@ def check_faces(faces: np.ndarray, n_vertices: int, where: str) -> np.ndarray:
     if faces.size and (faces.min() < 0 or faces.max() >= n_vertices):
         bad = int(np.argmax(((faces < 0) | (faces >= n_vertices)).any(axis=1)))
         raise InputError(
-            f"{where}: face {bad} uses vertex {', '.join(map(str, faces[bad].tolist()))}, "
-            f"but there are {n_vertices} vertices; export the mesh again"
+            f"{where}: face {first + bad} uses vertex {', '.join(map(str, faces[bad].tolist()))}, "
+            f"but there are {counted(n_vertices, 'vertex')}; export the mesh again"
         )
     return np.ascontiguousarray(faces, np.int32)  # no second copy of int32
 
 
-def check_finite(positions: np.ndarray, where: str) -> None:
-    """Raise InputError with the first vertex that is NaN or infinite."""
+def check_finite(positions: np.ndarray, where: str, numbers: np.ndarray | None = None) -> None:
+    """Raise InputError with the first vertex that is NaN or infinite.
+
+    numbers : of the vertices, for the error; None: from 0
+    """
     if positions.size == 0 or (np.isfinite(positions.min()) and np.isfinite(positions.max())):
         return
     bad = int(np.argmax(~np.isfinite(positions).all(axis=-1)))
+    number = bad if numbers is None else int(numbers[bad])
     raise InputError(
-        f"{where}: vertex {bad} is {tuple(positions[bad].tolist())}; remove vertices that are NaN or infinite"
+        f"{where}: vertex {number} is {tuple(positions[bad].tolist())}; remove vertices that are NaN or infinite"
     )
 
 
@@ -119,7 +140,7 @@ def face_colours(colour: object, count: int, where: str) -> NDArray[np.float32]:
     colour = linear_colours(colour, where)
     if colour.shape not in ((3,), (count, 3)):
         cure = f"give (3,) or ({count}, 3), or vertex_colours"
-        raise InputError(f"{where}: colours of {count} faces have shape {colour.shape}; {cure}")
+        raise InputError(f"{where}: colours of {counted(count, 'face', 'have')} shape {colour.shape}; {cure}")
     return colour
 
 
@@ -175,6 +196,17 @@ class Source(Protocol):
     def cameras(self, time: float) -> list[Any]: ...  # of Camera, which imports this module
 
     def lights(self, time: float) -> list[Any]: ...  # of Light
+
+
+class SpannedSource(Source, Protocol):
+    """A source whose pieces come in spans, each of which can be read alone."""
+
+    @property
+    def n_spans(self) -> int: ...
+
+    def span(self, k: int) -> Generator[Piece, None, None]:
+        """The pieces of span k at time 0. Those of all spans in order are `pieces`."""
+        ...
 
 
 class StaticMeshes:
@@ -240,7 +272,9 @@ def textured_mesh(
     if attributes.colours is not None:
         colours = linear_colours(attributes.colours, where, alpha=True)
         if colours.ndim != 2 or len(colours) != n_vertices:
-            raise InputError(f"{where}: vertex_colours of {n_vertices} vertices have shape {colours.shape}")
+            raise InputError(
+                f"{where}: vertex_colours of {counted(n_vertices, 'vertex', 'have')} shape {colours.shape}"
+            )
     normals = _checked_attribute(attributes.normals, (n_vertices, 3), f"{where}: normals")
     if material is None:
         if normals is None:

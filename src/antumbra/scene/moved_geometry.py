@@ -18,6 +18,7 @@ from .materials import MeshAppearance
 from .mesh import WHITE, ObjectInfo, Piece, Source, check_finite
 from .scene_bounds import faces_of, flush_to_zero
 from .triangle_setup import gather, transformed
+from .triangles import Triangles
 
 _MOST_NAMES = 12  # in errors
 
@@ -35,21 +36,24 @@ class MovedMeshes:
     ----------
     loaded : Source
         As the scene was loaded.
-    vertices : (n, 3, 3) float32
-        The moved triangles, in the scene's frame.
-    origin : (3,) float64, world
-        Origin of the frame.
+    triangles : Triangles
+        The moved ones.
     """
 
     duration = 0.0
 
-    def __init__(self, loaded: Source, vertices: NDArray[np.float32], origin: NDArray[np.float64]):
-        self._loaded, self._vertices, self._origin = loaded, vertices, origin
+    def __init__(self, loaded: Source, triangles: Triangles):
+        self._loaded, self._triangles = loaded, triangles
         self.file, self.meshes, self.objects = loaded.file, loaded.meshes, loaded.objects
+
+    def __getstate__(self) -> dict[str, Any]:
+        vertices, origin = self._triangles.vertices, self._triangles.origin
+        bare = Triangles(vertices, origin, np.empty(0, np.int32), np.empty((0, 3), np.float32))
+        return vars(self) | {"_triangles": bare}
 
     def pieces(self, time: float) -> Generator[Piece, None, None]:
         for piece, rows in _rows_of(self._loaded.pieces(0.0)):
-            yield at_corners(piece, self._vertices[rows] + self._origin, look_of_corners(piece))
+            yield at_corners(piece, self._triangles.vertices[rows] + self._triangles.origin, look_of_corners(piece))
 
     def cameras(self, time: float) -> list[Any]:
         return self._loaded.cameras(time)
@@ -78,7 +82,7 @@ def look_of_corners(piece: Piece) -> MeshAppearance | None:
     look, faces = piece.look, piece.faces
     if look is None or faces is None:
         return look
-    names = "uv", "colours", "normals", "rest_positions"
+    names = "uv", "colours", "normals", "rest_positions", "tangents"
     changes: dict[str, Any] = {
         name: values[faces.reshape(-1)] for name in names if (values := getattr(look, name)) is not None
     }
@@ -112,26 +116,35 @@ class MovableMeshes:
         self._origin, self._n_triangles = origin, n_triangles
         self._rest: list[Piece] | None = None  # pieces of the rest geometry; None: not needed so far
         self._own_rest = False  # whether they are not those of the rest source
-        self._rest_source: Source = loaded
+        self._rest_source: Source | None = loaded  # None: lost, since a device had finer vertices than the frame
+        self._corners: NDArray[np.int32] | None = None
         self._pool = ArrayPool()
 
-    def source_of(self, vertices: NDArray[np.float32]) -> MovedMeshes:
+    def source_of(self, triangles: Triangles) -> MovedMeshes:
         """The source of moved triangles."""
-        return MovedMeshes(self.loaded, vertices, self._origin)
+        return MovedMeshes(self.loaded, triangles)
 
     def __getstate__(self) -> dict[str, Any]:
         return vars(self) | ({} if self._own_rest else {"_rest": None})
 
-    def rest_on(self, given: NDArray[Any], vertices: NDArray[np.float32]) -> None:
+    def rest_on(self, given: NDArray[Any], triangles: Triangles) -> None:
         """Make these triangles, which have the `given` vertices, the rest geometry.
 
         The given vertices are copied only if they cannot be restored from those in the frame.
         """
         if _restorable(given, self._origin):
-            self._rest_source, self._rest, self._own_rest = self.source_of(vertices), None, False
+            self.rest_in_frame(triangles, True)
         else:
             self._rest = [piece._replace(look=None) for piece in self._with_vertices(np.array(given))]
             self._own_rest = True
+
+    def rest_in_frame(self, triangles: Triangles, exact: bool) -> None:
+        """Make these triangles the rest geometry.
+
+        exact : whether the frame holds their vertices in the precision in which they were given; otherwise nothing can
+            be placed from now on
+        """
+        self._rest_source, self._rest, self._own_rest = self.source_of(triangles) if exact else None, None, False
 
     def given(self, vertices: "ArrayLike") -> NDArray[Any]:
         """New vertices as an array: (n, 3, 3), or (v, 3) for the vertices from which the scene was made; world.
@@ -142,15 +155,35 @@ class MovableMeshes:
             If the shape is wrong.
         """
         points = as_array(vertices, f"{self.name}: vertices")
-        if points.shape == (self._n_triangles, 3, 3):
-            return points
+        self._check_shape(points.shape)
+        return points
+
+    def _check_shape(self, shape: tuple[int, ...]) -> None:
+        if shape == (self._n_triangles, 3, 3):
+            return
         count = sum(_n_given(piece) for piece in self.loaded.pieces(0.0))
-        if points.shape != (count, 3):
+        if shape != (count, 3):
             raise InputError(
-                f"{self.name}: vertices have shape {points.shape}; give ({self._n_triangles}, 3, 3), the corners of "
+                f"{self.name}: vertices have shape {shape}; give ({self._n_triangles}, 3, 3), the corners of "
                 f"the triangles, or ({count}, 3), the vertices in the order of the arrays or of the scene's mesh"
             )
-        return points
+
+    def corners_of(self, shape: tuple[int, ...]) -> NDArray[np.int32] | None:
+        """(3 n,) int32: the vertex of each corner, for vertices of a shape, as for `given`; None: they are the corners.
+
+        Raises
+        ------
+        InputError
+            If the shape is wrong.
+        """
+        self._check_shape(shape)
+        if len(shape) == 3:
+            return None
+        if self._corners is None:
+            numbers = np.repeat(np.arange(shape[0], dtype=np.int32)[:, None], 3, 1)
+            parts = [_corners(piece)[..., 0].reshape(-1) for piece in self._with_vertices(numbers)]
+            self._corners = np.concatenate(parts)
+        return self._corners
 
     def replaced(self, points: NDArray[Any], threads: int) -> NDArray[np.float32]:
         """(n, 3, 3) float32, in the frame: the triangles with new vertices, as from `given`.
@@ -179,6 +212,11 @@ class MovableMeshes:
         vertices : (n, 3, 3) float32, in the frame: the triangles before
         """
         if self._rest is None:
+            if self._rest_source is None:
+                raise InputError(
+                    f"{self.name}: its latest vertices came from a device, in more digits than its frame has; give the "
+                    "vertices from the host before a transform"
+                )
             self._rest = list(self._rest_source.pieces(0.0))
         out = self._pool.empty(vertices.shape, np.float32)
         np.copyto(out, vertices)
@@ -230,6 +268,11 @@ def _with_vertices(piece: Piece, vertices: np.ndarray) -> Piece:
     """A piece with new vertices, in the order of the file or array."""
     positions = vertices.reshape(len(piece.vertices), -1, 3)
     return piece._replace(vertices=positions if piece.used is None else positions[:, piece.used])
+
+
+def _corners(piece: Piece) -> np.ndarray:
+    """(k, m, 3): the vertices at the corners of all faces of each copy."""
+    return piece.vertices if piece.faces is None else piece.vertices[:, piece.faces.reshape(-1)]
 
 
 _AT_A_TIME = 1 << 13  # vertices

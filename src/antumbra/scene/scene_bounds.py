@@ -127,11 +127,20 @@ class Survey:
         """Add a piece at rest (without `towards`)."""
         count = len(piece.vertices) * faces_of(piece)
         if count:
-            lower, upper = bounds_of_points(piece.vertices)
-            self._lower = np.minimum(self._lower, lower)  # NaN persists, and `bounds` reports it
-            self._upper = np.maximum(self._upper, upper)
-            self._single &= piece.vertices.dtype == np.float32 and piece.towards is None
-        self.n_triangles += count
+            single = piece.vertices.dtype == np.float32 and piece.towards is None
+            self.join(count, bounds_of_points(piece.vertices), single)
+
+    def join(self, n_triangles: int, box: np.ndarray, single: bool) -> None:
+        """Add triangles by their number and bounds, (2, 3); `single`: whether all coordinates are those of float32."""
+        self._lower = np.minimum(self._lower, box[0])  # NaN persists, and `bounds` reports it
+        self._upper = np.maximum(self._upper, box[1])
+        self._single &= single
+        self.n_triangles += n_triangles
+
+    @property
+    def parts(self) -> tuple[int, NDArray[np.float64], bool]:
+        """What `join` adds to another survey. The bounds are not checked."""
+        return self.n_triangles, np.stack([self._lower, self._upper]), self._single
 
     def bounds(self) -> NDArray[np.float64]:
         """(2, 3) float64: lower and upper corner.
@@ -167,13 +176,29 @@ _MOMENTS = 5  # sampled times of an animation
 
 def sampled_faces(source: Source, n_triangles: int, time: float = 0.0) -> NDArray[np.float64]:
     """(m, 3, 3) float64, world: every k-th face of a scene at `time`, about `MAX_SAMPLED_FACES` at most."""
-    step, first, samples = -(-n_triangles // MAX_SAMPLED_FACES), 0, [np.empty((0, 3, 3))]
+    sample = FaceSample(n_triangles)
     for piece in source.pieces(time):
+        sample.add(piece)
+    return sample.corners
+
+
+class FaceSample:
+    """The faces of `sampled_faces`, from pieces that are added in order."""
+
+    def __init__(self, n_triangles: int):
+        self._step, self._first = max(-(-n_triangles // MAX_SAMPLED_FACES), 1), 0
+        self._found = [np.empty((0, 3, 3))]
+
+    def add(self, piece: Piece) -> None:
         n, copies = faces_of(piece), len(piece.vertices)
-        chosen = np.arange(-first % step, n * copies, step)
-        first += n * copies
-        samples.append(_corners(piece, *np.divmod(chosen, max(n, 1))))
-    return np.concatenate(samples)
+        chosen = np.arange(-self._first % self._step, n * copies, self._step)
+        self._first += n * copies
+        self._found.append(_corners(piece, *np.divmod(chosen, max(n, 1))))
+
+    @property
+    def corners(self) -> NDArray[np.float64]:
+        """(m, 3, 3) float64, world."""
+        return np.concatenate(self._found)
 
 
 def face_corners(source: Source, faces: NDArray[np.integer], time: float = 0.0) -> NDArray[np.float64]:

@@ -11,6 +11,7 @@ from contextlib import suppress
 from copy import copy
 from fnmatch import fnmatchcase
 from functools import cached_property
+from hashlib import sha256
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
 
 import numpy as np
@@ -26,7 +27,8 @@ from .crs import unit_of_crs
 from .lights import Light
 from .materials import MONTHS, LightShare, Transmittance
 from .mesh import MeshInfo, ObjectInfo, Source
-from .raster import Raster
+from .open_faces import FoundOpenFaces, OpenFaceFinder
+from .raster import CellWindow, Raster, RasterAxes
 from .scene_bounds import Survey, face_corners, faces_of, frame_origin, moving_faces, objects_of, sampled_faces
 from .terrain import HeightGrid
 from .triangles import Triangles
@@ -164,6 +166,7 @@ class SceneData(ABC):
     """
 
     resident: ClassVar[bool] = True  # False: the triangles are in a store, and never all in memory
+    lacks_surfaces: bool = False  # whether semantic surfaces were left out, as in a store
     instanced: ClassVar[bool] = False  # whether the triangles are those of copies of meshes, made where they are needed
     name: str
     up: str  # "y" or "z"
@@ -175,6 +178,7 @@ class SceneData(ABC):
     origin: NDArray[np.float64]  # (3,) float64, world
     middle: NDArray[np.float64]  # (3,) float64, world: of the bounds when the scene was made
     city: CityModel | None = None  # of a CityJSON file, or of footprints
+    axes: RasterAxes | None = None  # of the labelled array that has the cells; None: of a file
     raster: Raster | None = None  # the cells of the raster of heights that is the scene or its ground
     crs: str | None = None  # coordinate reference system of the world coordinates, such as "EPSG:7415"
     moved: Triangles | None = (
@@ -182,6 +186,7 @@ class SceneData(ABC):
     )
     hidden: NDArray[np.bool_] | None = None  # (n,): faces that are not there, as in one of two states; None: none
     given_unit: LengthUnit | None = None  # of the world coordinates; None: that of the CRS, or metres
+    terrain_towards: Any = None  # a method of rasters that are larger than memory; None: `terrain` is in memory
     _cameras: list[Camera]  # at time 0
     _lights: list[Light]
 
@@ -206,7 +211,7 @@ class SceneData(ABC):
         """The raster of heights that is the whole scene, solid and where it was read; None for all other scenes."""
         return None
 
-    def cell_tops(self, cells: range | None = None) -> tuple[NDArray[np.float64], NDArray[np.int32]] | None:
+    def cell_tops(self, window: CellWindow | None = None) -> tuple[NDArray[np.float64], NDArray[np.integer]] | None:
         """The height and the face at cells of a scene that is one raster of heights, as `TerrainSurfaces.tops`."""
         return None
 
@@ -215,7 +220,7 @@ class SceneData(ABC):
         return None
 
     def every(self, step: int, time: float, threads: int | None = None) -> NDArray[np.float32]:
-        """(m, 3, 3) float32, recentred: the corners of every step-th face at a time. InputError for a store."""
+        """(m, 3, 3) float32, recentred: the corners of every step-th face at a time."""
         return self.triangles(time, threads).vertices[::step]
 
     def content(self, time: float, threads: int | None = None) -> Iterator[memoryview | bytes]:
@@ -225,8 +230,16 @@ class SceneData(ABC):
         for array in *arrays, *(triangles.cutouts or ()):
             yield np.ascontiguousarray(array).data
 
+    def check_all(self, size: int) -> None:
+        """Check that work with `size` bytes for each triangle fits in memory. Raises InputError for a store if not."""
+        self.check_resident()
+
+    def fits(self, size: int) -> bool:
+        """Whether `check_all` passes."""
+        return self.resident
+
     def check_resident(self) -> None:
-        """Check that all triangles can be in memory at once. Raises InputError for a store."""
+        """Check that the scene is in memory. Raises InputError for a store."""
         if not self.resident:
             raise self.refusal()
 
@@ -240,17 +253,26 @@ class SceneData(ABC):
         return None
 
     @property
+    def has_looks(self) -> bool:
+        """Whether a face has more than a colour: a texture, colours or normals of its vertices, or alpha."""
+        return self.appearance is not None
+
+    @property
     def cutouts(self) -> Cutouts | None:
-        """The alpha-masked faces; None: all faces are solid, as in a store."""
+        """The faces that let light pass; None: all faces are solid."""
+        return None
+
+    def open_faces(self) -> OpenFaceFinder | None:
+        """Finds the faces that are not solid, or hidden, as pieces are read; None: there are none."""
         return None
 
     def ignore_alpha(self) -> None:
         """Make all faces solid. Call it before the first query."""
-        assert self.cutouts is None, "only scenes in memory have cut-outs"
+        assert self.cutouts is None, "this kind of scene has no cut-outs"
 
     def set_transmittance(self, shares: Mapping[str, Transmittance]) -> None:
         """Let a share of the light pass through materials or objects. InputError for stores, which have neither."""
-        raise InputError(f"{self.name}: all faces of a store are solid; leave transmittance out")
+        raise InputError(f"{self.name}: a store keeps the transmittance of its scene; build it again with another")
 
     def update(
         self,
@@ -278,13 +300,13 @@ class SceneData(ABC):
         """
         raise self.refusal()
 
-    @abstractmethod
     def _cameras_at(self, time: float) -> list[Camera]:
         """The cameras at a time in [0, `duration`]."""
+        return self._cameras
 
-    @abstractmethod
     def _lights_at(self, time: float) -> list[Light]:
         """The lights at a time in [0, `duration`]."""
+        return self._lights
 
     @property
     def animated(self) -> bool:
@@ -403,9 +425,9 @@ class MemoryData(SceneData):
         changed = self.moved is not None or self.cutouts is not None or self.hidden is not None
         return None if changed else grid
 
-    def cell_tops(self, cells: range | None = None) -> tuple[NDArray[np.float64], NDArray[np.int32]] | None:
+    def cell_tops(self, window: CellWindow | None = None) -> tuple[NDArray[np.float64], NDArray[np.integer]] | None:
         find = None if self.hidden is not None else getattr(self.source, "tops", None)
-        return None if find is None else cast("tuple[NDArray[np.float64], NDArray[np.int32]] | None", find(cells))
+        return None if find is None else cast("tuple[NDArray[np.float64], NDArray[np.integer]] | None", find(window))
 
     def sampled_faces(self, time: float | None = None) -> NDArray[np.float64]:
         if time is None:
@@ -417,7 +439,7 @@ class MemoryData(SceneData):
             yield from super().content(time, threads)
         else:
             yield repr((terrain.grid, self.origin.tolist())).encode()
-            yield np.ascontiguousarray(terrain.heights).data
+            yield sha256(np.ascontiguousarray(terrain.heights).data).digest()
 
     def _lowest(self, time: float | None) -> float:
         if not self.animated:
@@ -475,6 +497,11 @@ class MemoryData(SceneData):
         self._cutouts, self._find_cutouts, self._finds_cutouts = cutouts, False, False
         if self.moved is not None:
             self.moved = self._moved_triangles(self.moved.vertices, None)[0]
+
+    def open_faces(self) -> OpenFaceFinder | None:
+        if self.cutouts is None and self.hidden is None:
+            return None
+        return FoundOpenFaces(self.n_triangles, self.cutouts, self.hidden)
 
     def ignore_alpha(self) -> None:
         """Make all faces solid. Call it before the first query."""
@@ -564,6 +591,7 @@ class MemoryData(SceneData):
         """
         from ..kernels.parallel import thread_count
         from .moved_geometry import MovableMeshes, placement_of
+        from .resident_triangles import DeviceVertices, ResidentTriangles
 
         if self.animated:
             raise InputError(f"{self.name}: its animation moves the geometry, and update is for static scenes")
@@ -574,17 +602,21 @@ class MemoryData(SceneData):
         threads = thread_count(threads)
         if self._movable is None:
             self._movable = MovableMeshes(self._loaded, self.origin, self.n_triangles, self.name)
-        given = None if vertices is None else self._movable.given(vertices)
-        if given is not None:
-            corners = self._movable.replaced(given, threads)
+        if isinstance(vertices, DeviceVertices):
+            framed = vertices.in_frame(self._movable.corners_of(vertices.shape), self.origin, self.name)
+            moved: Triangles = ResidentTriangles.of(framed, self._triangles_of(None, framed.with_area))
+            bounds = framed.bounds + self.origin
+            self._movable.rest_in_frame(moved, framed.exact)
+        elif vertices is not None:
+            given = self._movable.given(vertices)
+            moved, bounds = self._moved_triangles(self._movable.replaced(given, threads), threads)
+            self._movable.rest_on(given, moved)
         else:
             assert transform is not None
             placement = placement_of(self.objects, objects, transform, self.name)
             corners = self._movable.placed(self.triangles(0.0, threads).vertices, placement, threads)
-        moved, bounds = self._moved_triangles(corners, threads)
-        if given is not None:
-            self._movable.rest_on(given, corners)
-        self.bounds, self.source = bounds, self._movable.source_of(corners)
+            moved, bounds = self._moved_triangles(corners, threads)
+        self.bounds, self.source = bounds, self._movable.source_of(moved)
         self.moved = moved  # last: caches compare it
 
     def _moved_triangles(
@@ -592,13 +624,19 @@ class MemoryData(SceneData):
     ) -> tuple[Triangles, NDArray[np.float64]]:
         """Triangles with these vertices, (n, 3, 3) in the frame, and their bounds, (2, 3) world."""
         from ..kernels.parallel import thread_count
-        from .triangle_setup import solid_faces, survey
+        from .triangle_setup import survey
 
         with_area, bounds = survey(vertices, thread_count(threads))
-        face_id = np.arange(len(vertices), dtype=np.int32) if self.moved is None else self.moved.face_id
+        return self._triangles_of(vertices, with_area), bounds + self.origin
+
+    def _triangles_of(self, vertices: Any, with_area: NDArray[np.int32] | None) -> Triangles:
+        """Triangles with other vertices; `with_area`: as from `triangle_setup.survey`."""
+        from .triangle_setup import solid_faces
+
+        face_id = np.arange(self.n_triangles, dtype=np.int32) if self.moved is None else self.moved.face_id
         cutouts = self.cutouts
         solid = solid_faces(with_area, None if cutouts is None else cutouts.solid)
-        return Triangles(vertices, self.origin.copy(), face_id, self.colours, cutouts, solid), bounds + self.origin
+        return Triangles(vertices, self.origin.copy(), face_id, self.colours, cutouts, solid)
 
     def _cameras_at(self, time: float) -> list[Camera]:
         return self.source.cameras(time)

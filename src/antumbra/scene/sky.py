@@ -5,6 +5,7 @@ background of pictures.
 """
 
 import os
+from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -20,10 +21,11 @@ from ..base.files import checked_file, without_output
 from ..base.memory import check_reading
 from ..base.pickles import without_cached
 from ..kernels.elementary import cos, exp2, power, sin
-from ..kernels.small_matrices import dot, product
+from ..kernels.small_matrices import dot, product, tangents_of
 from .camera import axes
 from .light_lists import N_SETS, LightList
 from .lights import DIRECTIONAL, MAX_SPP, Light, LightPatch, check_distance
+from .rough_mirrors import ROUGHNESSES, mirror_cone
 
 # --- Environment map files: Radiance .hdr and OpenEXR -----------------------------------------------------------------
 
@@ -129,6 +131,11 @@ _LONGEST = 1e18  # length of a direction whose square float32 still holds
 _STEP = (np.sqrt(5.0) - 1.0) / 2.0  # the golden ratio's fraction: (i + 0.5) / n and i * _STEP fill the square evenly
 
 
+def _check_count(count: int, interleave: bool) -> None:
+    flag(interleave, "Sky interleave")
+    whole_number(count, "Sky count", 1, MAX_SPP * (N_SETS if interleave else 1))
+
+
 @dataclass(frozen=True, eq=False)
 class Sky(LightList):
     """A distant environment that lights the scene from all directions, and the background where no surface is visible.
@@ -165,8 +172,7 @@ class Sky(LightList):
     def __post_init__(self) -> None:
         choice(self.up, "Sky up", ("y", "z", None))
         number(self.turn, "Sky turn (degrees)")
-        flag(self.interleave, "Sky interleave")
-        whole_number(self.count, "Sky count", 1, MAX_SPP * (N_SETS if self.interleave else 1))
+        _check_count(self.count, self.interleave)
         object.__setattr__(self, "map", _map_of(self.image))
         self._check()
 
@@ -194,6 +200,14 @@ class Sky(LightList):
 
     def upright(self, up: str) -> Light:
         return self if self.up else replace(self, image=self.map, up=up).named(self.name)
+
+    def resampled(self, count: int, interleave: bool = True) -> "Sky":
+        """The same sky as `count` lights. The map is shared: no file is read again. `InputError`: as for `Sky`."""
+        _check_count(count, interleave)
+        sky = copy(self)  # without cached lights, as a pickle
+        object.__setattr__(sky, "count", count)
+        object.__setattr__(sky, "interleave", interleave)
+        return sky
 
     def patch(self, origin: NDArray[np.float64], reach: float) -> LightPatch:
         check_distance(reach, "Sky", "make the scene smaller")
@@ -241,6 +255,18 @@ class Sky(LightList):
         return np.ascontiguousarray(self._scaled_map[:, :1]) if self._level else self._scaled_map
 
     @cached_property
+    def blurred(self) -> tuple["Sky", ...]:
+        """The sky as surfaces of the roughnesses `ROUGHNESSES` mirror it."""
+        if self._level and (self.map == self.map[:1]).all():
+            return (self,) * len(ROUGHNESSES)
+        return (self, *(self._with_map(blurred_map(self.map, r)) for r in ROUGHNESSES[1:]))
+
+    def _with_map(self, image: np.ndarray) -> "Sky":
+        sky = copy(self)
+        object.__setattr__(sky, "map", image)
+        return sky
+
+    @cached_property
     def axes(self) -> NDArray[np.float64]:
         """(3, 3) float64: the map's right, up and backward axes in world space, as rows."""
         right, upward, back = axes(self.up or "y")
@@ -263,6 +289,42 @@ def _map_of(image: object) -> np.ndarray:
     if not (np.isfinite(array).all() and (array >= 0.0).all()):
         raise InputError("Sky image must be finite and not negative")
     return array
+
+
+_BLURRED = 32  # rows of blurred maps
+_BLUR_RAYS = 256  # of each of their texels
+
+
+def blurred_map(image: np.ndarray, roughness: float) -> NDArray[np.float64]:
+    """(32, 64, 3) float64, or (32, 1, 3) if all columns are equal: the map as rough surfaces mirror it.
+
+    Each texel is the mean over a GGX lobe around its direction, which is seen and reflected perpendicularly, weighted
+    by the cosine [Karis 2013].
+    """
+    image = _shrunk(image, 2 * _BLURRED)
+    level = (image == image[:, :1]).all()
+    h, w = _BLURRED, 1 if level else 2 * _BLURRED
+    down, across = np.pi * (np.arange(h) + 0.5) / h, 2.0 * np.pi * ((np.arange(w) + 0.5) / w - 0.5)
+    sine = sin(down)[:, None]
+    middle = np.stack(
+        [sine * sin(across), np.broadcast_to(cos(down)[:, None], (h, w)), -sine * cos(across)], -1
+    ).reshape(-1, 3)
+    i = np.arange(_BLUR_RAYS)
+    cone = mirror_cone(roughness, np.stack([(i + 0.5) / _BLUR_RAYS, _STEP * i % 1.0], -1))
+    source, out, (u, v) = Sky(image, up="y"), np.zeros((h * w, 3)), tangents_of(middle)
+    for rays in np.split(cone[:, :, None, None], _BLUR_RAYS // 16):
+        out += (rays[:, 2] * source.radiance(rays[:, 0] * u + rays[:, 1] * v + rays[:, 2] * middle)).sum(0)
+    return np.asarray((out / cone[:, 2].sum()).reshape(h, w, 3))
+
+
+def _shrunk(image: np.ndarray, rows: int) -> np.ndarray:
+    """A map of at most so many rows and twice as many columns: means over blocks."""
+    for axis, most in ((0, rows), (1, 2 * rows)):
+        if (n := image.shape[axis]) > most:
+            edges = np.arange(most) * n // most
+            counts = np.diff(np.append(edges, n)).reshape((-1, 1, 1) if axis == 0 else (1, -1, 1))
+            image = np.add.reduceat(image, edges, axis) / counts
+    return image
 
 
 def _angle(y: NDArray[np.float32], x: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -291,6 +353,22 @@ def _daylight() -> NDArray[np.float64]:
     below = _HORIZON + (_GROUND - _HORIZON) * share * share * (3.0 - 2.0 * share)
     out: NDArray[np.float64] = np.where(height >= 0.0, above, below)[:, None]
     return out
+
+
+def with_rays(light: Light, spp: int) -> Light:
+    """The light with at least as many rays from each pixel as others have: a sky of more distant lights, if need be."""
+    if not isinstance(light, Sky) or not light.interleave:
+        return light
+    return light.resampled(max(light.count, N_SETS * spp))
+
+
+def sky_directions(count: int, up: str) -> NDArray[np.float64]:
+    """(count, 3) float64: unit vectors on Vogel's spiral lifted to the hemisphere, each for an equal share of sky."""
+    i = np.arange(count)
+    height, angle = (i + 0.5) / count, i * np.pi * (3.0 - np.sqrt(5.0))
+    width = np.sqrt(1.0 - height * height)
+    east, north = width * cos(angle), width * sin(angle)
+    return np.stack([east, north, height] if up == "z" else [east, height, -north], axis=1)
 
 
 def _sample_map(image: np.ndarray, count: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -6,6 +6,7 @@ have heights, so cells without data leave holes. Triangles are never stored: the
 heights, which take 4 bytes per cell where the triangles take about 100.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterable, Sequence
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple, Protocol
@@ -15,13 +16,15 @@ from numpy.typing import NDArray
 
 from .crs import unit_of_crs
 from .mesh import WHITE, MeshInfo, ObjectInfo, Piece
-from .raster import Raster
+from .raster import CellWindow, Raster
 from .units import LengthUnit
 
 TERRAIN_TYPE = "TINRelief"
 """The type of terrain among city objects, as in CityJSON."""
 
-_HIGH, _WIDE = 256, 512  # rows and columns of squares per block: 2^18 triangles, what a store stages at a time
+BLOCK = _HIGH, _WIDE = 256, 512
+"""Rows and columns of squares per block: 2^18 triangles, what a store stages at a time."""
+
 _SAME = 1e-6  # relative difference of the sides of a square cell
 
 # --- The grid and its heights -----------------------------------------------------------------------------------------
@@ -114,6 +117,29 @@ class HeightGrid(NamedTuple):
         return out
 
 
+class HeightsByRow(ABC):
+    """`Heights` that are read where they are needed; the surface is as of a `HeightGrid`."""
+
+    name: str
+    grid: GridPoints
+    crs: str | None
+    dtype: np.dtype[Any]
+
+    @abstractmethod
+    def rows(self, first: int, last: int) -> NDArray[Any]: ...
+
+    def at(self, plan: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n,) float64: as `HeightGrid.at`."""
+        return self.at_cells(*self.grid.cells_of(plan).T)
+
+    def at_cells(self, column: NDArray[np.float64], row: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n,) float64: as `HeightGrid.at_cells`, from the rows around the places."""
+        if not len(row):
+            return np.empty(0)
+        first, last = (int(np.clip(np.floor(at), 0, self.grid.rows - 2)) for at in (row.min(), row.max()))
+        return HeightGrid(self.name, self.grid, self.crs, self.rows(first, last + 2)).at_cells(column, row - first)
+
+
 # --- Triangles --------------------------------------------------------------------------------------------------------
 
 
@@ -182,17 +208,26 @@ def face_of_cells(surface: Heights) -> NDArray[np.int32]:
     out, first = np.full((surface.grid.rows, surface.grid.columns), -1, np.int32), 0
     for block, heights in _blocks_of_heights(surface):
         row, last_row, column, last_column = block
-        part = out[row : last_row + 1, column : last_column + 1]
-        if not np.isnan(heights).any():
-            part[:] = _last_faces(last_row - row, last_column - column) + np.int32(first)
-            first += 2 * (last_row - row) * (last_column - column)
-            continue
-        triangles = _triangles(surface.grid, block, heights)
-        of_vertex = np.empty(len(triangles.vertices), np.int32)
-        of_vertex[triangles.faces] = np.arange(first, first + len(triangles.faces), dtype=np.int32)[:, None]
-        part[np.asarray(triangles.used).reshape(part.shape)] = of_vertex
-        first += len(triangles.faces)
+        first += number_vertices(heights, first, out[row : last_row + 1, column : last_column + 1])
     return out
+
+
+def number_vertices(heights: NDArray[Any], first: int, faces: NDArray[np.integer]) -> int:
+    """Write the last triangle at each vertex of a block; return the number of its triangles.
+
+    heights : (rows + 1, columns + 1) of the block
+    first : the number of its first triangle
+    faces : (rows + 1, columns + 1), changed where vertices have triangles of the block
+    """
+    (rows, columns), kind = (int(n) - 1 for n in heights.shape), faces.dtype.type
+    if not np.isnan(heights).any():
+        faces[:] = _last_faces(rows, columns) + kind(first)
+        return 2 * rows * columns
+    triangles = _triangles(GridPoints(0.0, 0.0, 1.0, 1.0, rows + 1, columns + 1), (0, rows, 0, columns), heights)
+    of_vertex = np.empty(len(triangles.vertices), kind)
+    of_vertex[triangles.faces] = np.arange(first, first + len(triangles.faces), dtype=kind)[:, None]
+    faces[np.asarray(triangles.used).reshape(faces.shape)] = of_vertex
+    return len(triangles.faces)
 
 
 def faces_of_squares(surface: Heights) -> NDArray[np.int32]:
@@ -265,27 +300,24 @@ class TerrainSurfaces:
         """The surface, if there is only one and its heights are in memory."""
         return self.surface if isinstance(self.surface, HeightGrid) else None
 
-    def tops(self, cells: range | None = None) -> tuple[NDArray[np.float64], NDArray[np.int32]] | None:
-        """(cells,) float64 heights, as they were read, and (cells,) int32 faces, of a range of cells; None: of all.
+    def tops(self, window: CellWindow | None = None) -> tuple[NDArray[np.float64], NDArray[np.integer]] | None:
+        """(cells,) float64 heights, as they were read, and (cells,) int faces, of a window, row by row; None: of all.
 
         Cells without a surface have the height NaN and the face -1. None if there are several surfaces.
         """
         if (surface := self.surface) is None:
             return None
-        columns = surface.grid.columns
-        cells = range(surface.grid.rows * columns) if cells is None else cells
-        row, last = cells.start // columns, -(-cells.stop // columns)
-        some = slice(cells.start - row * columns, cells.stop - row * columns)
-        heights = surface.rows(row, last).reshape(-1)[some].astype(np.float64)
-        faces = self._face_of_cells[cells.start : cells.stop]
+        rows, columns = (window or CellWindow(0, 0, surface.grid.rows, surface.grid.columns)).slices
+        heights = surface.rows(rows.start, rows.stop)[:, columns].reshape(-1).astype(np.float64)
+        faces = self._face_of_cells[rows, columns].reshape(-1)
         heights[faces < 0] = np.nan
         return heights, faces
 
     @cached_property
     def _face_of_cells(self) -> NDArray[np.int32]:
-        """(cells,) int32: `face_of_cells`, which numbers all triangles before that of a cell."""
+        """(rows, columns) int32: `face_of_cells`, which numbers all triangles before that of a cell."""
         assert self.surface is not None
-        return face_of_cells(self.surface).reshape(-1)
+        return face_of_cells(self.surface)
 
     def cameras(self, time: float) -> list[Any]:
         return []
@@ -301,8 +333,7 @@ class StreamedTerrain(TerrainSurfaces):
     """
 
     up = "z"
-    animated = False
-    appearance = None
+    animated = has_looks = False
 
     def __init__(
         self, surface: Heights, notes: Callable[[], Iterable[str]], colour: NDArray[np.float32] = WHITE,
@@ -313,10 +344,18 @@ class StreamedTerrain(TerrainSurfaces):
         self.raster = surface.grid.raster(surface.crs)
         self._grid, self.given_unit = surface.grid, unit
 
+    def open_faces(self) -> None:
+        """None: all faces are solid."""
+
     @property
     def unit(self) -> LengthUnit:
         """The unit of the coordinates, as `SceneData.unit`."""
         return unit_of_crs(self.crs, self.given_unit)
+
+    @property
+    def terrain(self) -> Heights | None:
+        """The heights, as `SceneData.terrain`; None for several rasters."""
+        return self.surface
 
     @property
     def n_triangles(self) -> int:

@@ -32,6 +32,7 @@ from ..kernels.simd import (
     store,
 )
 from ..kernels.transposition import transposed8
+from .alpha_masks import without_panes
 from .mesh import Piece
 from .scene_bounds import MAX_EXTENT, NEAREST
 from .triangles import Triangles
@@ -311,3 +312,17 @@ def solid_faces(with_area: NDArray[np.int32] | None, uncut: NDArray[np.int32] | 
     if with_area is None or uncut is None:
         return uncut if with_area is None else with_area
     return np.intersect1d(with_area, uncut, assume_unique=True)
+
+
+def met_by_rays(triangles: Triangles, threads: int) -> Triangles:
+    """Triangles as rays meet them, which have no colour: panes without holes are solid. The same ones if none are."""
+    if triangles.cutouts is None:
+        return triangles
+    cutouts = without_panes(triangles.cutouts)
+    panes = np.setdiff1d(cutouts.solid, triangles.cutouts.solid, assume_unique=True)
+    if not len(panes):
+        return triangles
+    with_area = rows_with_area(triangles.vertices[panes], threads)
+    before = triangles.cutouts.solid if triangles.solid is None else triangles.solid
+    solid = np.sort(np.concatenate([before, panes if with_area is None else panes[with_area]]))
+    return triangles._replace(cutouts=cutouts if len(cutouts.faces) else None, solid=solid)

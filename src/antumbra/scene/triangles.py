@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.errors import InputError
+from ..base.wording import counted
 from .alpha_masks import Cutouts
 
 # --- Triangles --------------------------------------------------------------------------------------------------------
@@ -27,7 +28,7 @@ class Triangles(NamedTuple):
     solid: NDArray[np.int32] | None = None  # (k,) int32, ascending: rows with area and without holes; None: all
 
     def __repr__(self) -> str:
-        return f"Triangles({len(self.vertices)} triangles; {', '.join(self._fields)})"
+        return f"Triangles({counted(len(self.vertices), 'triangle')}; {', '.join(self._fields)})"
 
 
 def concatenate(soups: Sequence[Triangles]) -> Triangles:
@@ -56,7 +57,7 @@ class HitFaces(NamedTuple):
     """The arrays of a `Hit`."""
 
     t: NDArray[np.float64]  # (...) float64, in lengths of the direction, rounded to nearest; inf on a miss, NaN: failed
-    face: NDArray[np.int32]  # (...) int32, index of the face in the scene; -1 on a miss
+    face: NDArray[np.int32]  # (...) int32, index of the face in the scene; -1 on a miss; int64: tiles beyond int32
     u: NDArray[np.float32]  # (...) float32, barycentric weight of the face's second corner, 0 to 1; 0 on a miss
     v: NDArray[np.float32]  # (...) float32, barycentric weight of its third corner, 0 to 1; 0 on a miss
 
@@ -160,7 +161,7 @@ class AllHits(NamedTuple):
 
     ray_offsets: NDArray[np.int64]  # (n + 1,) int64
     t: NDArray[np.float64]  # (k,) float64, in lengths of the direction, rounded to nearest
-    face: NDArray[np.int32]  # (k,) int32, index of the face in the scene
+    face: NDArray[np.int32]  # (k,) int32, index of the face in the scene; int64: tiles beyond int32
     u: NDArray[np.float32]  # (k,) float32, barycentric weight of the face's second corner, 0 to 1
     v: NDArray[np.float32]  # (k,) float32, barycentric weight of its third corner, 0 to 1
 
@@ -175,7 +176,8 @@ class AllHits(NamedTuple):
         return np.repeat(np.arange(len(self.ray_offsets) - 1), self.counts)
 
     def __repr__(self) -> str:
-        return f"AllHits({len(self.t)} hits of {len(self.ray_offsets) - 1} rays; {', '.join(self._fields)})"
+        rays = counted(len(self.ray_offsets) - 1, "ray")
+        return f"AllHits({counted(len(self.t), 'hit')} of {rays}; {', '.join(self._fields)})"
 
 
 # --- Closest points ---------------------------------------------------------------------------------------------------

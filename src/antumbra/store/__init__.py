@@ -2,9 +2,12 @@
 
 - `store_format`: the layout of the file, and its metadata
 - `store_checks`: check the structure of what a file says
-- `store_file`: read and write store files, `StoreData`
+- `store_file`: read and write store files
+- `store_data`: `StoreData`, the scene of a store
+- `face_order`: its triangles in the order of faces
 - `store_build`: build a file from scenes of any size
-- `staging_files`: temporary files of a build
+- `build_stages`: the stages of a build, and who runs their units; `read_units`: the first stage
+- `staging_files`: files of a build
 - `chunk_sorting`: sort triangles in Morton order, cut them into chunks, and build their trees
 - `chunk_residency`: load and evict chunks within a memory budget
 - `system_resources`: disk space, resident memory, reused buffers

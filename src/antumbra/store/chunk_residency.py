@@ -1,13 +1,15 @@
 """Chunk residency: keep as many chunks of a store in memory as a budget allows.
 
+A chunk is read to the memory that it keeps, and only its blocks are added there.
+
 Cached chunks are traced first while threads read the others. The least recently used chunk is evicted first.
 [Mattausch et al. 2015, Sec. 5.4] overwrite their cache in round-robin order, which is available for comparison.
 """
 
-import threading
 from collections import OrderedDict, deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
+from contextlib import closing
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -15,19 +17,17 @@ from numpy.typing import NDArray
 
 from ..base.errors import InputError
 from ..base.forks import renew_after_fork
-from ..bvh.block_tree import BlockTree, block_tree
-from ..bvh.nodes import ROWS
+from ..bvh.block_tree import BlockTree
+from ..bvh.compact_tree import expand, expanded_bytes
 from ..trace.tree_list import ADDRESSES, addresses
 from .store_file import Store
-from .store_format import NODE_BYTES, Chunk
+from .store_format import NODE_BYTES
 from .system_resources import BufferPool
 
 POLICIES = "lru", "round-robin"
 _READERS = 2  # reading threads; while there is nothing to trace, they have all cores to themselves
 _GROUP = 16  # chunks traced together: rays that hit something in them need none of the chunks behind
 _LOOKAHEAD = 2 * _GROUP  # chunks checked, just before they are read, for whether rays still need them
-_TRIANGLES_PER_BLOCK = 6  # a low estimate: all trees examined have more
-_BLOCK_BYTES = 4 * 16 * (ROWS + 2) + NODE_BYTES  # memory of a block: rows, bounds, slots, and a node
 
 
 class Paging(NamedTuple):
@@ -92,11 +92,11 @@ class Residency:
         self.trees = np.zeros((len(store), ADDRESSES), np.int64)
         self.paging = Paging(0, 0, 0, 0, 0)
         self._chunks: OrderedDict[int, ResidentChunk] = OrderedDict()  # the next chunk to evict comes first
+        self._sizes = store.chunks.bytes + expanded_bytes(store.chunks.nodes)  # with their blocks
         self._used = self.pending = 0
         self._pinned: set[int] = set()
         self._copies: dict[int, TriangleCopies] = {}  # from evicted chunks in which the current query has hits
         self._pool = BufferPool()
-        self._thread_data = threading.local()  # a read buffer per reading thread
         self._start_readers()
         renew_after_fork(self)
 
@@ -119,14 +119,12 @@ class Residency:
         return self._used + self._pool.bytes
 
     def max_bytes(self, k: int) -> int:
-        """Upper bound, in bytes, on the memory of chunk `k`: its block tree, corners and colours."""
-        blocks = int(self.store.chunks.triangles[k]) // _TRIANGLES_PER_BLOCK + 1
-        return blocks * _BLOCK_BYTES + int(self.store.chunks.bytes[k]) - NODE_BYTES * int(self.store.chunks.nodes[k])
+        """Upper bound, in bytes, on the memory of chunk `k`, which may be that of a larger one."""
+        return int(self._sizes[k]) * 5 // 4
 
     def min_budget(self) -> int:
         """The smallest usable budget: two chunks, so that one is traced while another is read."""
-        k = int(np.argmax(self.store.chunks.triangles))
-        return 2 * self.max_bytes(k)
+        return 2 * self.max_bytes(int(np.argmax(self._sizes)))
 
     def begin_question(self) -> None:
         """Discard the triangles copied for the previous query."""
@@ -210,11 +208,11 @@ class Residency:
         self._evict(leaving, mark)
 
     def _read(self, k: int) -> ResidentChunk:
-        """Read a chunk and build its block tree; runs in a reading thread."""
-        if not hasattr(self._thread_data, "memory"):
-            self._thread_data.memory = self.store.memory()
-        chunk = self.store.chunk(k, self._thread_data.memory)
-        return _copy_to_pool(block_tree(chunk.bvh, 1), chunk, self._pool, self.max_bytes(k))
+        """Read a chunk and expand its tree; runs in a reading thread."""
+        memory = self._pool.acquire(int(self._sizes[k]), self.max_bytes(k))
+        chunk = self.store.chunk(k, memory)
+        tree = expand(chunk.tree, memory[int(self.store.chunks.bytes[k]) :])
+        return ResidentChunk(tree, chunk.palette, chunk.palette_rows, memory)
 
     def _next_group(self, coming: deque[_Read]) -> list[int]:
         """Wait for the next `_GROUP` chunks; return them and any following ones that are already read."""
@@ -269,6 +267,27 @@ class Residency:
         self.paging = self.paging._replace(**{name: getattr(self.paging, name) + n for name, n in increments.items()})
 
 
+class RangeMemory:
+    """The chunks of a range of faces, numbered from 0 on, in the memory of all chunks."""
+
+    def __init__(self, residency: Residency, chunks: slice):
+        self._residency, self._chunks = residency, chunks
+
+    def begin_question(self) -> None:
+        """As `Residency.begin_question`."""
+        self._residency.begin_question()
+
+    def groups(
+        self, parts: np.ndarray, still_needed: Callable[[np.ndarray], np.ndarray], mark: Mark | None = None
+    ) -> Generator[np.ndarray, None, None]:
+        """As `Residency.groups`."""
+        start = self._chunks.start
+        of_all = None if mark is None else lambda first, marks: mark(first[self._chunks], marks)
+        with closing(self._residency.groups(parts + start, lambda k: still_needed(k - start), of_all)) as groups:
+            for group in groups:
+                yield group - start
+
+
 def _drop_unneeded(missing: deque[int], still_needed: Callable[[np.ndarray], np.ndarray]) -> deque[int]:
     """The missing chunks, without those of the next `_LOOKAHEAD` that rays no longer need."""
     chunks = np.array(missing, np.int64)
@@ -294,17 +313,3 @@ def hit_slots(chunks: np.ndarray, triangles: np.ndarray, mark: Mark) -> Iterator
         slots = np.flatnonzero(marks[first[k] : first[k] + triangles[k]])
         if len(slots):
             yield k, slots
-
-
-def _copy_to_pool(tree: BlockTree, chunk: Chunk, pool: BufferPool, max_bytes: int) -> ResidentChunk:
-    """Copy a chunk's tree and colours to a buffer of the pool."""
-    arrays = {name: getattr(tree, name) for name in tree._fields if name != "links"}
-    arrays |= {"palette": chunk.palette, "palette_rows": chunk.palette_rows}
-    offsets = np.concatenate([[0], np.cumsum([-(-a.nbytes // 64) * 64 for a in arrays.values()])])
-    memory = pool.acquire(int(offsets[-1]), max_bytes)
-    views = {}
-    for (name, array), offset in zip(arrays.items(), offsets):
-        views[name] = memory[offset : offset + array.nbytes].view(array.dtype).reshape(array.shape)
-        views[name][...] = array
-    palette, palette_rows = views.pop("palette"), views.pop("palette_rows")
-    return ResidentChunk(BlockTree(links=views["nodes"].view(np.int32), **views), palette, palette_rows, memory)

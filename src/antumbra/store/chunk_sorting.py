@@ -1,13 +1,14 @@
 """Sort any number of triangles by Morton code, cut them into chunks along Morton cells, and build a tree for each.
 
-Triangles that do not fit in memory are distributed to buckets in files by the leading bits of their codes. A first pass
-counts the triangles of each cell, that is, of all codes that share these bits. A bucket is the largest cell with few
-enough triangles, and the counts give its place in the files. A cell that is still too large is distributed by its next
-bits. The groups depend on the triangles alone, not on the amount of memory.
+Runs of triangles that fit in memory are sorted by the leading bits of their codes, and written to files with the number
+of triangles of each cell, that is, of all codes that share these bits. A bucket is the largest cell with few enough
+triangles in all runs, and the counts give its place in each. A cell that is still too large is distributed to buckets
+of its own by its next bits, which a first pass counts. The groups depend on the triangles alone, not on the amount of
+memory.
 """
 
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -17,6 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bvh import binned_sah
+from ..bvh.block_tree import block_tree
+from ..bvh.compact_tree import compact
 from ..bvh.lbvh import split_top
 from ..bvh.morton_sort import Grid, radix_sort, write_codes
 from ..bvh.triangle_bounds import TRIANGLES_PER_SHARE
@@ -29,7 +32,7 @@ from .store_file import EncodedChunk, encode_chunk
 
 AXIS_BITS = 21
 CODE_BITS = 3 * AXIS_BITS
-_LEVEL_BITS = 21  # bits per pass: 128 cells along each axis
+LEVEL_BITS = 21  # bits per pass: 128 cells along each axis
 
 
 class Group(NamedTuple):
@@ -46,9 +49,7 @@ class SortSettings(NamedTuple):
     grid: Grid
     folder: Path  # folder of temporary files
     max_triangles: int  # in a group
-    batch: int  # triangles distributed at a time
     threads: int
-    progress: Callable[[int], None]  # called with the number of triangles just counted or distributed
 
 
 def grid_over(box: np.ndarray) -> Grid:
@@ -60,35 +61,33 @@ def grid_over(box: np.ndarray) -> Grid:
     return Grid(origin, factor if np.isfinite(factor) else np.float32(0.0), np.int32(2**AXIS_BITS - 1))
 
 
-def sorted_groups(
-    settings: SortSettings, batches: Batches, n: int, release: Callable[[], None], shared_bits: int = 0
-) -> Iterator[Group]:
+def sorted_by_cell(settings: SortSettings, triangles: TriangleColumns) -> tuple[TriangleColumns, NDArray[np.int32]]:
+    """(the triangles by ascending cell, the cell of each). The sort is stable; a cell is the first LEVEL_BITS bits."""
+    codes, numbers = _codes(settings, triangles.corners)
+    cells = (codes >> (CODE_BITS - LEVEL_BITS)).astype(np.int32)
+    ordered, order = radix_sort(cells, numbers, LEVEL_BITS, settings.threads)
+    return triangles.rows(order), cast(NDArray[np.int32], ordered)
+
+
+def sorted_groups(settings: SortSettings, batches: Batches, n: int, shared_bits: int = LEVEL_BITS) -> Iterator[Group]:
     """Yield at most `n` triangles in groups, sorted by code across and within groups. The sort is stable.
 
-    release : called once the batches are no longer needed
-    shared_bits : number of leading bits that the codes of all these triangles share
+    shared_bits : number of leading bits that the codes of all these triangles share, unless they form one group
     """
     if n <= settings.max_triangles or shared_bits == CODE_BITS:
         for batch in [_concatenated(batches(), n)] if n <= settings.max_triangles else batches():
             yield _sort(settings, batch)
-        release()
         return
-    shift = CODE_BITS - shared_bits - _LEVEL_BITS
+    shift = CODE_BITS - shared_bits - LEVEL_BITS
     counts = _count_cells(settings, batches, shift)
-    cells = _cells(counts, settings.max_triangles)
+    cells = bucket_cells(counts, settings.max_triangles)
     sizes = np.array([counts[first:last].sum() for first, last in cells])
     buckets = Buckets(settings.folder, sizes)
     try:
         _distribute(settings, batches, shift, cells, buckets)
-        release()
         for k, size in enumerate(sizes.tolist()):
-            yield from sorted_groups(
-                settings,
-                partial(buckets.batches, k, settings.max_triangles),
-                size,
-                lambda: None,
-                shared_bits + _LEVEL_BITS,
-            )
+            of_bucket = partial(buckets.batches, k, settings.max_triangles)
+            yield from sorted_groups(settings, of_bucket, size, shared_bits + LEVEL_BITS)
     finally:
         buckets.close()
 
@@ -120,16 +119,15 @@ def _sort(settings: SortSettings, triangles: TriangleColumns) -> Group:
 
 
 def _count_cells(settings: SortSettings, batches: Batches, shift: int) -> np.ndarray:
-    """(2 ** _LEVEL_BITS,) int64: the number of triangles in each cell."""
-    counts = np.zeros(1 << _LEVEL_BITS, np.int64)
+    """(2 ** LEVEL_BITS,) int64: the number of triangles in each cell."""
+    counts = np.zeros(1 << LEVEL_BITS, np.int64)
     for batch in batches():
         codes, _ = _codes(settings, batch.corners)
         counts += np.bincount(codes >> shift & (len(counts) - 1), minlength=len(counts))
-        settings.progress(len(codes))
     return counts
 
 
-def _cells(counts: np.ndarray, max_triangles: int) -> list[tuple[int, int]]:
+def bucket_cells(counts: np.ndarray, max_triangles: int) -> list[tuple[int, int]]:
     """The largest cells with at most `max_triangles` triangles, and the smallest cells that have more, in order.
 
     Each is a half-open range of indices in `counts`.
@@ -151,7 +149,7 @@ def _distribute(
     settings: SortSettings, batches: Batches, shift: int, cells: list[tuple[int, int]], buckets: Buckets
 ) -> None:
     """Write each triangle to the bucket of its cell. All codes have the same bits above those of the cells."""
-    n_cells = 1 << _LEVEL_BITS
+    n_cells = 1 << LEVEL_BITS
     bucket_of = np.zeros(n_cells, np.uint16 if len(cells) <= 1 << 16 else np.int32)  # 16 bits sort fast
     for k, (first, last) in enumerate(cells):
         bucket_of[first:last] = k
@@ -163,7 +161,6 @@ def _distribute(
         ends = np.cumsum(sizes)
         for k in np.flatnonzero(sizes).tolist():
             buckets.add(k, batch.rows(order[ends[k] - sizes[k] : ends[k]]))
-        settings.progress(len(codes))
 
 
 # --- Chunks -----------------------------------------------------------------------------------------------------------
@@ -192,9 +189,9 @@ def cut_chunks(codes: np.ndarray, max_triangles: int) -> list[tuple[int, int]]:
 
 def build_chunk(triangles: TriangleColumns, rows: np.ndarray) -> EncodedChunk:
     """Build the chunk of the triangles `rows`, with a binned-SAH tree [Wald 2007]."""
-    bvh = binned_sah.build(triangles.corners[rows].reshape(-1, 3, 3), 1)
-    slots = rows[bvh.prim_ids]
-    return encode_chunk(bvh._replace(prim_ids=triangles.ids[slots]), *palette_of(triangles.colours[slots]))
+    tree = compact(block_tree(binned_sah.build(triangles.corners[rows].reshape(-1, 3, 3), 1), 1))
+    slots = rows[tree.prim_ids]
+    return encode_chunk(tree._replace(prim_ids=triangles.ids[slots]), *palette_of(triangles.colours[slots]))
 
 
 def chunks_of(groups: Iterable[Group], max_triangles: int, threads: int) -> Generator[EncodedChunk, None, None]:

@@ -1,52 +1,57 @@
-"""Build a store from scenes of any size within a given amount of memory."""
+"""Build a store, or the tiles of a scene, from scenes of any size within a given amount of memory.
 
-from collections.abc import Iterable
-from contextlib import closing
+A build has three stages of units, which may run in any process, and resume: scenes are read into files of pieces, their
+triangles are sorted by cells of the Morton order, and buckets of cells are made into chunks. Then the store is joined.
+Tiles are consecutive pieces, in the frame of them all; each is sorted and made into chunks by units of its own.
+"""
+
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, closing
+from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from time import perf_counter
-from typing import NamedTuple, TypedDict
+from typing import NamedTuple
 
 import numpy as np
 
-from ..base.errors import InputError
-from ..base.files import atomic_output
+from ..base.files import atomic_output, temporary_name, writing
 from ..base.progress import ProgressListener
-from ..generate.generated_scene import StreamedCity
-from ..scene.camera import Camera
-from ..scene.lights import Light
-from ..scene.mesh import Source
-from ..scene.raster import Raster
-from ..scene.scene_bounds import Survey
-from ..scene.scene_data import SceneData
-from ..scene.terrain import StreamedTerrain
-from ..scene.units import METRE, LengthUnit
-from .chunk_sorting import SortSettings, chunks_of, grid_over, sorted_groups
-from .staging_files import MAX_FACES, StagingFile, gather_triangles
-from .store_checks import MAX_TRIANGLES
-from .store_file import StoreWriter, top_tree
-from .store_format import StoreMeta
-from .system_resources import check_disk_space
+from .build_stages import LocalStages, Records, Stages
+from .chunk_sorting import (
+    LEVEL_BITS,
+    Group,
+    SortSettings,
+    bucket_cells,
+    chunks_of,
+    grid_over,
+    sorted_by_cell,
+    sorted_groups,
+)
+from .read_units import ReadUnit, StagedScenes, check_count, read_unit
+from .staging_files import MAX_FACES, CutoutColumns, Excluded, Record, RunWriter, SortedRuns, gather_triangles
+from .store_file import Store, StoreWriter, open_store, top_tree
+from .store_format import STORE_SUFFIX, TILES_SUFFIX, HeightSection, StoreMeta
+from .stored_cutouts import ordered_masks
+from .tiled_store import Tile, check_one_range, manifest_to_json
 
 MIN_MEMORY = 384 << 20
 CHUNK = 65536
-
-StreamedScene = StreamedCity | StreamedTerrain
-"""Scenes whose pieces are never in memory all at once."""
+TILE = 1 << 27
+"""Triangles of a tile, unless a caller sets another number: 6 GB."""
 
 _GROUP = 8  # chunks sorted in memory at a time
-_TRIANGLE_MEMORY = 640  # budget per triangle distributed at a time: four times the memory it takes
 _THREAD_BYTES = 64 << 20  # memory for building and writing a chunk
-
-"""Called with the name of the step, the number of items done, and their total (0: unknown)."""
 
 
 class BuildReport(NamedTuple):
     """The result of a build."""
 
-    path: Path  # path of the store
+    path: Path  # path of the store, or of the manifest of tiles
     triangles: int  # number of triangles of all scenes, including zero-area ones
     chunks: int  # number of chunks
-    bytes: int  # size of the file
+    bytes: int  # size of the file, or of all tiles
     seconds: dict[str, float]  # time of the phases "read", "sort", "build" and "finish", and "total"
 
 
@@ -54,172 +59,292 @@ class PieceSizes(NamedTuple):
     """The triangles that a build handles at a time, which change no byte of the store."""
 
     staged: int = MAX_FACES  # faces of a staged piece, at most
-    sorted: int | None = None  # triangles distributed among chunks at a time; None: as many as memory allows
-
-    def batch(self, max_memory: int) -> int:
-        """Triangles distributed at a time."""
-        return self.sorted or max(self.staged, min(max_memory // _TRIANGLE_MEMORY, 1 << 22))
+    run: int = 1 << 19  # triangles sorted by cell at a time, at most
+    unit: int = 1 << 21  # triangles of a unit that sorts, or makes chunks
 
 
 USUAL_SIZES = PieceSizes()
 
 
-class _Description(TypedDict):
-    """The fields of `StoreMeta` that the scenes supply."""
-
-    name: str
-    up: str
-    crs: str | None
-    unit: LengthUnit | None
-    raster: Raster | None
-    cameras: list[Camera]
-    lights: list[Light]
-    notes: tuple[str, ...]
-
-
 def write_store(
-    scenes: Iterable[SceneData | StreamedScene],
+    units: Sequence[ReadUnit],
     path: Path,
     max_memory: int = MIN_MEMORY,
     threads: int = 1,
     chunk: int = CHUNK,
     progress: ProgressListener | None = None,
-    sizes: PieceSizes = USUAL_SIZES,
-) -> BuildReport:
-    """`engine.store_building.build_store`, once arguments are checked and kernels compiled."""
-    with atomic_output(path, durable=True) as temporary:
-        return _Build(temporary.parent, max_memory, threads, chunk, progress, sizes).run(scenes, path, temporary)
+    sizes: PieceSizes | None = None,
+    stages: Stages | None = None,
+    tile: int | None = None,
+) -> BuildReport | None:
+    """`engine.store_building.build_store`, once arguments are checked and kernels compiled.
+
+    sizes : None: `USUAL_SIZES`
+    stages : runs the units; None: here, with files in a temporary folder beside the store
+    tile : triangles at which a tile ends, for a path with TILES_SUFFIX; None: `TILE`
+
+    Returns None if `stages` leaves units to others.
+    """
+    with writing(path):
+        if stages is not None:
+            sizes = sizes or USUAL_SIZES
+            tile = (tile or TILE) if path.suffix.lower() == TILES_SUFFIX else None
+            if tile is not None:
+                sizes = sizes._replace(staged=min(sizes.staged, tile))
+            return _Build(stages, path, max_memory, threads, chunk, progress, sizes).run(units, tile)
+        with temporary_name(path.resolve().parent) as folder:
+            folder.mkdir()
+            return write_store(units, path, max_memory, threads, chunk, progress, sizes, LocalStages(folder), tile)
+
+
+class _Tile(NamedTuple):
+    """Consecutive pieces that are written to one store."""
+
+    path: Path
+    begin: int  # its first piece
+    sizes: np.ndarray  # triangles of its pieces
+    first: int  # number of its first triangle in the scene
+
+    @property
+    def triangles(self) -> int:
+        return int(self.sizes.sum())
+
+
+class _Range(NamedTuple):
+    """What a unit handles: some pieces, or some buckets, of a tile."""
+
+    tile: int
+    first: int
+    last: int  # exclusive
 
 
 class _Build:
-    """A build: the settings and clocks that its phases share."""
+    """A build: the settings and clocks that its stages share."""
 
     def __init__(
         self,
-        folder: Path,
+        stages: Stages,
+        path: Path,
         max_memory: int,
         threads: int,
         chunk: int,
         progress: ProgressListener | None,
         sizes: PieceSizes,
     ) -> None:
-        self.folder, self.chunk, self.progress, self.sizes = folder, chunk, progress, sizes
+        self.stages, self.path, self.chunk, self.progress, self.sizes = stages, path, chunk, progress, sizes
         self.threads, self.workers = threads, max(1, min(threads, max_memory // 2 // _THREAD_BYTES))
-        self.batch = sizes.batch(max_memory)
-        self._excluded_box = np.array([[np.inf] * 3, [-np.inf] * 3], np.float32)  # bounds of triangles in no chunk
         self.seconds: dict[str, float] = {}
         self._start = self._lap = perf_counter()
+        self._counts = dict[str, int]()  # what is done of each step
 
-    def run(self, scenes: Iterable[SceneData | StreamedScene], path: Path, temporary: Path) -> BuildReport:
-        staging = StagingFile(self.folder, path.name, self.sizes.staged)
-        try:
-            description = self._stage_scenes(scenes, staging)
-            bounds = staging.survey.bounds()
-            self._end_phase("read")
-            with temporary.open("wb") as stream:
-                writer = StoreWriter(stream)
-                self._write_chunks(staging, bounds, writer)
-                return self._finish(writer, staging.survey, description, path)
-        finally:
-            staging.close()
+    def run(self, units: Sequence[ReadUnit], tile: int | None) -> BuildReport | None:
+        """The report; None if some units are left to others. `tile`: triangles at which one ends; None: one store."""
+        read = self.stages.run("read", len(units), lambda k, file: self._read(units[k], file))
+        if read is None:
+            return None
+        self._scenes = StagedScenes(self.path.name, len(units), lambda k: self.stages.file("read", k), read)
+        self._tiles = self._tiles_of(tile)
+        if self._scenes.masks:
+            check_one_range(self.path.name, self._scenes.survey.n_triangles)
+        self._description = self._scenes.description
+        if tile is not None:
+            self._description["heights"] = None  # tiles are traced as triangles
+        self._end_phase("read")
 
-    def _stage_scenes(self, scenes: Iterable[SceneData | StreamedScene], staging: StagingFile) -> _Description:
-        """Stage the pieces of all scenes and merge their descriptions."""
-        names, ups, systems, rasters = list[str](), set[str](), set[str](), set[Raster]()
-        units, given = set[LengthUnit](), set[LengthUnit]()
-        cameras, lights, notes = list[Camera](), list[Light](), list[str]()
-        for scene in scenes:
-            source: Source | None = getattr(scene, "source", None)  # InputError if it is in a store
-            if source is None:
-                raise InputError(f"a scene is {type(scene).__name__}; it must be a Scene, as returned by antumbra.load")
-            check_disk_space(
-                self.folder, staging.survey.file, staging.survey.n_triangles + scene.n_triangles, staging.size
-            )
-            self._stage(source, staging)
-            names.append(scene.name)
-            ups.add(scene.up)
-            if (crs := getattr(scene, "crs", None)) is not None:  # a streamed city has none
-                systems.add(crs)
-            units.add(getattr(scene, "unit", METRE))
-            if (unit := getattr(scene, "given_unit", None)) is not None:
-                given.add(unit)
-            if (raster := getattr(scene, "raster", None)) is not None:
-                rasters.add(raster)
-            cameras += source.cameras(0.0)
-            lights += source.lights(0.0)
-            notes += scene.notes
-            if scene.appearance is not None:
-                notes.append(f"{scene.name}: a store keeps the mean colour of each face, without textures and normals")
-            if scene.animated:
-                notes.append(f"{scene.name}: is animated; the store shows its first moment")
-            del scene  # free it before the next one is opened
-        if not names:
-            raise InputError("no scenes; give at least one")
-        if len(ups) > 1:
-            raise InputError(f"{', '.join(names)}: some have +Y up and some +Z; give them the same up axis")
-        if len(systems) > 1:
-            raise InputError(f"{', '.join(names)}: have the CRS {', '.join(sorted(systems))}; reproject them to one")
-        if len(units) > 1:
-            symbols = ", ".join(sorted(unit.name for unit in units))
-            raise InputError(f"{', '.join(names)}: have coordinates in {symbols}; scale them to one unit")
-        if staging.survey.n_triangles > MAX_TRIANGLES:
-            raise InputError(f"{staging.survey.n_triangles} triangles; a store holds at most {MAX_TRIANGLES}")
-        crs, known = systems.pop() if systems else None, given.pop() if given else None
-        raster = rasters.pop() if len(rasters) == 1 else None
-        return _Description(
-            name=" + ".join(names), up=ups.pop(), crs=crs, unit=known, raster=raster, cameras=cameras,
-            lights=lights, notes=tuple(notes),
-        )  # fmt: skip
+        ranges = self._units([each.sizes for each in self._tiles])
+        sort = self.stages.run("sort", len(ranges), lambda k, file: self._sort(ranges[k], file))
+        if sort is None:
+            return None
+        heights = self._description["heights"]
+        if heights is not None and self.stages.run("heights", 1, lambda k, file: self._keep(heights, file)) is None:
+            return None
+        self.stages.drop("read")
+        of_tiles = [_of_tile(ranges, t) for t in range(len(self._tiles))]
+        buckets = [_Buckets(self.stages, sort, of_tile, self._sorting) for of_tile in of_tiles]
+        self._end_phase("sort")
 
-    def _stage(self, source: Source, staging: StagingFile) -> None:
-        with closing(source.pieces(0.0)) as pieces:  # other processes may be generating them
-            for piece in pieces:
-                staging.add(piece)
-                self._report("reading", staging.survey.n_triangles, 0)
-
-    def _write_chunks(self, staging: StagingFile, bounds: np.ndarray, writer: StoreWriter) -> None:
-        n, origin, n_sorted = staging.survey.n_triangles, staging.survey.origin(), 0
-
-        def distributed(count: int) -> None:
-            nonlocal n_sorted
-            n_sorted += count
-            self._report("sorting", n_sorted, 2 * n)
-
-        grid = grid_over((bounds - origin).astype(np.float32))
-        sorting = SortSettings(grid, self.folder, _GROUP * self.chunk, self.batch, self.threads, distributed)
-        batches = lambda: gather_triangles(staging.pieces(), origin, self.batch, self.threads, self._excluded_box)
-        done = 0
-        with closing(chunks_of(sorted_groups(sorting, batches, n, staging.close), self.chunk, self.workers)) as chunks:
-            for chunk in chunks:
-                if not done:
-                    self._end_phase("sort")
-                writer.add(chunk)
-                done += int(chunk.row["triangles"])
-                self._report("building", done, n)
+        parts = self._units([each.sizes for each in buckets])
+        run = lambda k, file: self._build(buckets[parts[k].tile], parts[k], file)
+        build = self.stages.run("build", len(parts), run, True)
+        if build is None:
+            return None
+        self.stages.drop("sort")
         self._end_phase("build")
 
-    def _finish(self, writer: StoreWriter, survey: Survey, description: _Description, path: Path) -> BuildReport:
-        table = writer.table
-        top = top_tree(table["box"], self.threads)
-        n, bounds, origin = survey.n_triangles, survey.bounds(), survey.origin()
-        lower, upper = self._excluded_box
-        lower, upper = (
-            np.minimum(lower, table["box"][:, :3].min(axis=0)),
-            np.maximum(upper, table["box"][:, 3:].max(axis=0)),
-        )
-        box = np.stack([lower, upper])
-        built = {"chunk": self.chunk, "builder": "bsah", "top": "bsah, reinsert"}
-        meta = StoreMeta(n_triangles=n, bounds=bounds, origin=origin, box=box, built=built, **description)
-        size = writer.finish(top, meta)
+        with ExitStack() as written:
+            stores = list[Store]()
+            for t, each in enumerate(self._tiles):
+                self._finish(each, build, _of_tile(parts, t), _Left(sort, of_tiles[t]), tile is not None)
+                stores.append(written.enter_context(open_store(each.path)))
+            report = self._report_of(stores)
+            if tile is not None:
+                self._write_manifest(stores)
+        self.stages.end()
+        return report
+
+    def _tiles_of(self, limit: int | None) -> list[_Tile]:
+        """The tiles, each of which ends once it has `limit` triangles; None: one store."""
+        sizes, firsts = self._scenes.sizes, np.append(0, np.cumsum(self._scenes.sizes))
+        if limit is None:
+            check_count(self.path, int(firsts[-1]))
+            return [_Tile(self.path, 0, sizes, 0)]
+        places = _ranges(sizes, limit)
+        name = lambda t: self.path.with_name(f"{self.path.stem}-{t:04d}{STORE_SUFFIX}")
+        return [_Tile(name(t), a, sizes[a:b], int(firsts[a])) for t, (a, b) in enumerate(places)]
+
+    def _units(self, sizes: list[np.ndarray]) -> list[_Range]:
+        """Units of about `PieceSizes.unit` triangles; `sizes`: those of the items of each tile."""
+        return [_Range(t, *each) for t, items in enumerate(sizes) for each in _ranges(items, self.sizes.unit)]
+
+    @cached_property
+    def _sorting(self) -> SortSettings:
+        grid = grid_over((self._scenes.bounds - self._scenes.survey.origin()).astype(np.float32))
+        return SortSettings(grid, self.stages.folder, _GROUP * self.chunk, self.threads)
+
+    def _read(self, unit: ReadUnit, file: Path) -> Record:
+        report = lambda n: self._report("reading", n, 0)
+        return read_unit(unit, self.path, self.stages.folder.parent, file, self.sizes.staged, report)
+
+    def _sort(self, unit: _Range, file: Path) -> Record:
+        """Sort the triangles of a range of pieces by cell, in runs."""
+        tile = self._tiles[unit.tile]
+        excluded = Excluded()
+        start, origin = int(tile.sizes[: unit.first].sum()), self._scenes.survey.origin()
+        pieces = self._scenes.pieces(tile.begin + unit.first, tile.begin + unit.last)
+        size = max(self.sizes.staged, self.sizes.run)
+        with file.open("wb") as stream:
+            runs = RunWriter(stream)
+            for batch in gather_triangles(pieces, origin, size, self.threads, excluded, start):
+                runs.add(*sorted_by_cell(self._sorting, batch))
+                self._report("sorting", len(batch.ids), self._scenes.survey.n_triangles)
+        cutouts = {f"cutouts_{name}": column for name, column in excluded.cutouts._asdict().items()}
+        return runs.record() | {"excluded": excluded.box} | cutouts
+
+    def _keep(self, heights: HeightSection, file: Path) -> Record:
+        """Copy the heights of terrain from the file of the unit that has read it, which is removed."""
+        assert self._scenes.begin is not None
+        with self.stages.file("read", self._scenes.begin).open("rb") as source, file.open("wb") as stream:
+            source.seek(heights.offset)
+            shutil.copyfileobj(source, stream)
+        return {}
+
+    def _build(self, buckets: "_Buckets", unit: _Range, file: Path) -> Record:
+        """Make chunks of a range of buckets."""
+        groups = chain.from_iterable(map(buckets.groups, range(unit.first, unit.last)))
+        rows, end = list[np.ndarray](), 0
+        with file.open("wb") as stream, closing(chunks_of(groups, self.chunk, self.workers)) as chunks:
+            for chunk in chunks:
+                chunk.row["offset"] = end
+                rows.append(chunk.row)
+                end += stream.write(chunk.data.data)
+                self._report("building", int(chunk.row["triangles"]), self._scenes.survey.n_triangles)
+        return {"table": np.stack(rows)}
+
+    def _finish(self, tile: _Tile, build: Records, parts: range, left: "_Left", is_part: bool) -> None:
+        """Write the store of a tile; `is_part`: of several, in the frame of them all."""
+        with atomic_output(tile.path, durable=True) as temporary, temporary.open("wb") as stream:
+            writer = StoreWriter(stream)
+            for k in parts:
+                writer.add(self.stages.file("build", k), build(k)["table"])
+            table = writer.table
+            meta = self._meta(tile.triangles, np.concatenate([left.boxes(), table["box"].reshape(-1, 2, 3)]))
+            if is_part:
+                meta = meta._replace(raster=None, objects=None)  # its cells and objects are those of the whole
+            elif meta.heights is not None:
+                meta = meta._replace(heights=writer.add_heights(self.stages.file("heights", 0), meta.heights))
+            if self._scenes.masks:
+                used = (part.mask[part.mask >= 0] for part in left.cutouts())
+                masks, numbers = ordered_masks(self._scenes.masks, used)
+                meta = meta._replace(cutouts=writer.add_cutouts(lambda: left.cutouts(numbers), masks))
+            writer.finish(top_tree(table["box"], self.threads), meta)
+
+    def _meta(self, n_triangles: int, boxes: np.ndarray) -> StoreMeta:
+        """The metadata of triangles of the scene, within (k, 2, 3) boxes."""
+        return StoreMeta(
+            n_triangles=n_triangles, bounds=self._scenes.bounds, origin=self._scenes.survey.origin(),
+            box=np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)]),
+            built={"chunk": self.chunk, "builder": "bsah", "top": "bsah, reinsert"}, **self._description,
+        )  # fmt: skip
+
+    def _write_manifest(self, stores: list[Store]) -> None:
+        meta = self._meta(self._scenes.survey.n_triangles, np.stack([store.meta.box for store in stores]))
+        tiles = [Tile.of(store, tile.first) for store, tile in zip(stores, self._tiles)]
+        with atomic_output(self.path, durable=True) as temporary:
+            temporary.write_bytes(manifest_to_json(meta, tiles))
+
+    def _report_of(self, stores: list[Store]) -> BuildReport:
         self._end_phase("finish")
         self.seconds["total"] = perf_counter() - self._start
-        return BuildReport(path, n, len(table), size, self.seconds)
+        chunks, size = sum(map(len, stores)), sum(store.size for store in stores)
+        return BuildReport(self.path, self._scenes.survey.n_triangles, chunks, size, self.seconds)
 
-    def _report(self, text: str, done: int, total: int) -> None:
+    def _report(self, text: str, n: int, total: int) -> None:
+        """Report that n more triangles have passed a step."""
+        self._counts[text] = self._counts.get(text, 0) + n
         if self.progress is not None:
-            self.progress(text, done, total)
+            self.progress(text, self._counts[text], total)
 
     def _end_phase(self, phase: str) -> None:
         """Record the time of the phase that ends now."""
         now = perf_counter()
         self.seconds[phase], self._lap = now - self._lap, now
+
+
+class _Left:
+    """What the units of a tile have left out of chunks; `units`: those that sorted its triangles."""
+
+    def __init__(self, records: Records, units: range):
+        self._records, self._units = records, units
+
+    def boxes(self) -> np.ndarray:
+        """(k, 2, 3) float32: the bounds of it, for each unit."""
+        return np.stack([self._records(k)["excluded"] for k in self._units])
+
+    def cutouts(self, numbers: np.ndarray | None = None) -> Iterator[CutoutColumns]:
+        """Yield the cut-outs of each unit; `numbers`: in place of each mask."""
+        for k in self._units:
+            record = self._records(k)
+            columns = CutoutColumns(*(record[f"cutouts_{name}"] for name in CutoutColumns._fields))
+            mask = columns.mask
+            yield columns if numbers is None else columns._replace(mask=np.where(mask >= 0, numbers[mask], mask))
+
+
+class _Buckets:
+    """The triangles of all runs of a tile, in buckets of cells; `units`: those that sorted them."""
+
+    def __init__(self, stages: Stages, records: Records, units: range, sorting: SortSettings):
+        counts = np.zeros(1 << LEVEL_BITS, np.int64)
+        for k in units:
+            record = records(k)
+            np.add.at(counts, record["cells"], record["counts"])
+        self._cells = bucket_cells(counts, sorting.max_triangles)
+        self.sizes = np.array([counts[first:last].sum() for first, last in self._cells])
+        self._files = lambda: ((stages.file("sort", k), records(k)) for k in units)
+        self._sorting = sorting
+
+    @cached_property
+    def _runs(self) -> SortedRuns:
+        return SortedRuns(self._files(), self._cells)
+
+    def groups(self, k: int) -> Iterator[Group]:
+        """Yield the triangles of bucket k, sorted by all bits of their codes."""
+        n = int(self.sizes[k])
+        batches = lambda: self._runs.batches(k, n, self._sorting.max_triangles)
+        return sorted_groups(self._sorting, batches, n)
+
+
+def _of_tile(units: list[_Range], tile: int) -> range:
+    """The numbers of the units of a tile."""
+    numbers = [k for k, unit in enumerate(units) if unit.tile == tile]
+    return range(numbers[0], numbers[-1] + 1)
+
+
+def _ranges(sizes: np.ndarray, limit: int) -> list[tuple[int, int]]:
+    """Ranges of items, each of which ends once its size reaches `limit`; half-open."""
+    ranges, first, total = list[tuple[int, int]](), 0, 0
+    for k, size in enumerate(sizes.tolist()):
+        total += size
+        if total >= limit or k == len(sizes) - 1:
+            ranges.append((first, k + 1))
+            first, total = k + 1, 0
+    return ranges

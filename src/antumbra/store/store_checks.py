@@ -1,18 +1,20 @@
 """The structure of a store: what a file says is checked against its size and its neighbours, before a kernel reads it.
 
 Checksums find damage, but whoever writes a file can compute them, so nothing here trusts them. The directory is checked
-when a store is opened, and a chunk each time it is read. What passes is a valid store of *some* scene: every link leads
-to a node, every tree ends, every count fits its array, and every box is exact.
+when a store is opened, and a chunk when it is first read. What passes is a valid store of *some* scene: every link
+leads to a node, every tree ends, every count fits its array, and every box is exact.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..base.checks import quoted
+from ..bvh.compact_tree import bvh_of, leaf_fault
 from ..bvh.nodes import BACK_TO_FRONT, EMPTY, LINK, ORDER, UNORDERED, Bvh, boxes_of, bvh_leaf
 from ..bvh.tree_quality import tree_fault
 from ..scene.scene_bounds import NEAREST, flush_to_zero, frame_origin
 from ..scene.triangle_setup import rows_with_area
+from . import stored_cutouts
 from .store_format import (
     COUNTS,
     NODE_BYTES,
@@ -25,10 +27,10 @@ from .store_format import (
     chunk_places,
     pages,
 )
+from .stored_heights import section_fault
 
 MAX_TRIANGLES = 2**31 - 1  # so that int32 holds their indices
 _MAX_META = 1 << 30  # bytes of metadata
-_MAX_CELLS = 1 << 30  # of a raster
 
 # Each function returns the first fault in words, or "" if there is none.
 
@@ -53,11 +55,21 @@ def counts_fault(counts: bytes, offset: int, size: int) -> str:
 
 def directory_fault(meta: StoreMeta, chunks: Chunks, top: TopTree, offset: int) -> str:
     """Check the directory, which begins at `offset`."""
-    return _table_fault(chunks, offset) or _top_fault(top, chunks.box) or _meta_fault(meta, chunks)
+    if meta.heights is not None and (fault := section_fault(meta.heights, meta.raster, MAX_TRIANGLES)):
+        return fault
+    if meta.cutouts is not None and (fault := stored_cutouts.section_fault(meta.cutouts, meta.n_triangles)):
+        return fault
+    end = offset
+    for name, section in (("cut-outs", meta.cutouts), ("heights", meta.heights)):
+        if section is not None and section.offset + section.bytes != end:
+            return f"its {name} do not end where the next section begins"
+        end = end if section is None else section.offset
+    fault = _table_fault(chunks, end) or _top_fault(top, chunks.box)
+    return fault or meta_fault(meta, chunks.box, int(chunks.triangles.sum()), MAX_TRIANGLES)
 
 
-def _table_fault(chunks: Chunks, offset: int) -> str:
-    """Check the rows of the table, one by one and against their neighbours."""
+def _table_fault(chunks: Chunks, end: int) -> str:
+    """Check the rows of the table, one by one and against their neighbours; `end`: of the last chunk."""
     n, m, p = chunks.triangles, chunks.nodes, chunks.colours
     possible = {
         "triangles": (n >= 1) & (n <= MAX_TRIANGLES),
@@ -72,8 +84,8 @@ def _table_fault(chunks: Chunks, offset: int) -> str:
     for k, counts in enumerate(zip(n.tolist(), m.tolist(), p.tolist())):
         if pages(chunk_places(*counts).end) != chunks.bytes[k]:
             return f"chunk {k} has {chunks.bytes[k]} bytes, which do not fit its counts"
-    if chunks.offset[-1] + chunks.bytes[-1] != offset:
-        return "the last chunk does not end where the directory begins"
+    if chunks.offset[-1] + chunks.bytes[-1] != end:
+        return "the last chunk does not end where the next section begins"
     boxes = boxes_of(chunks.root).reshape(-1, 6)
     exact = np.isfinite(chunks.box).all(1) & (boxes == chunks.box).all(1) & (boxes[:, :3] <= boxes[:, 3:]).all(1)
     return "" if exact.all() else f"the box of chunk {int(np.argmin(exact))} is not the one of its root"
@@ -97,8 +109,13 @@ def _order_fault(bvh: Bvh) -> str:
     return "" if good.all() else f"node {int(np.argmin(good))}: its child order is {orders[np.argmin(good)]}"
 
 
-def _meta_fault(meta: StoreMeta, chunks: Chunks) -> str:
-    """Check the metadata, whose JSON may hold anything, against the table."""
+def meta_fault(meta: StoreMeta, boxes: NDArray[np.float32], n_triangles: int, most: int) -> str:
+    """Check the metadata, whose JSON may hold anything.
+
+    boxes : (k, 6) of the chunks, or of tiles
+    n_triangles : of them all
+    most : the largest number of triangles
+    """
     for name, value, kinds in (
         ("name", meta.name, str), ("n_triangles", meta.n_triangles, int), ("built", meta.built, dict),
         ("crs", meta.crs, (str, type(None))),
@@ -107,9 +124,11 @@ def _meta_fault(meta: StoreMeta, chunks: Chunks) -> str:
             return f"its {name} is {quoted(value)}"
     if meta.up not in ("y", "z") or not all(isinstance(note, str) for note in meta.notes):
         return f"its up axis is {quoted(meta.up)}, or a note is no text"
-    if not chunks.triangles.sum() <= meta.n_triangles <= MAX_TRIANGLES:
-        return f"its chunks have {chunks.triangles.sum()} triangles, and the scene {meta.n_triangles}"
-    return _frame_fault(meta, chunks.box) or _raster_fault(meta)
+    if not n_triangles <= meta.n_triangles <= most:
+        return f"its chunks have {n_triangles} triangles, and the scene {meta.n_triangles}"
+    if meta.objects is not None and (fault := meta.objects.fault(meta.n_triangles)):
+        return fault
+    return _frame_fault(meta, boxes) or _raster_fault(meta, (most + 1) // 2)
 
 
 def _frame_fault(meta: StoreMeta, boxes: NDArray[np.float32]) -> str:
@@ -128,14 +147,14 @@ def _frame_fault(meta: StoreMeta, boxes: NDArray[np.float32]) -> str:
     return "" if inside.all() else f"chunk {int(np.argmin(inside))} lies outside of the scene's box"
 
 
-def _raster_fault(meta: StoreMeta) -> str:
+def _raster_fault(meta: StoreMeta, most_cells: int) -> str:
     raster = meta.raster
     if raster is None:
         return ""
     place = np.array([raster.west, raster.north, raster.spacing], np.float64)
     cells = raster.columns, raster.rows
     good = np.isfinite(place).all() and raster.spacing > 0.0 and all(isinstance(each, int) for each in cells)
-    if good and min(cells) >= 1 and cells[0] * cells[1] <= _MAX_CELLS and isinstance(raster.crs, (str, type(None))):
+    if good and min(cells) >= 1 and cells[0] * cells[1] <= most_cells and isinstance(raster.crs, (str, type(None))):
         return ""
     return f"its raster is {quoted(raster)}"
 
@@ -145,20 +164,20 @@ def _raster_fault(meta: StoreMeta) -> str:
 
 def chunk_fault(chunk: Chunk, root: NDArray[np.float32], n_triangles: int) -> str:
     """Check a chunk whose arrays have the sizes of its row, against `root`, the row's copy of its root node."""
-    bvh = chunk.bvh
-    ids = np.sort(bvh.prim_ids)
+    tree = chunk.tree
+    ids = np.sort(tree.prim_ids)
     if ids[0] < 0 or ids[-1] >= n_triangles or (ids[1:] == ids[:-1]).any():
         return f"its triangles are not distinct ones of 0 to {n_triangles - 1}"
-    if bvh.nodes[0].tobytes() != root.tobytes():
+    if tree.nodes[0].tobytes() != root.tobytes():
         return "its root is not the one in the directory"
-    if fault := tree_fault(bvh) or _order_fault(bvh):
+    if fault := leaf_fault(tree) or tree_fault(bvh := bvh_of(tree)) or _order_fault(bvh):
         return fault
-    size = np.abs(bvh.corners)
+    size = np.abs(tree.corners)
     if ((size > 0.0) & (size < NEAREST)).any():
         return "a corner is closer to a plane of the frame than float32 resolves"
-    areas = rows_with_area(bvh.corners.reshape(-1, 3, 3), 1)
+    areas = rows_with_area(tree.corners.reshape(-1, 3, 3), 1)
     if (
-        areas is not None and (np.delete(bvh.prim_ids, areas) != 0).any()
+        areas is not None and (np.delete(tree.prim_ids, areas) != 0).any()
     ):  # the scene's first triangle stays in any case
         return "it has a triangle without area"
     rows, colours = chunk.palette_rows, len(chunk.palette)

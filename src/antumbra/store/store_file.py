@@ -6,28 +6,27 @@ is open.
 
 import hashlib
 import os
+import shutil
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from io import FileIO
 from pathlib import Path
 from threading import Lock
-from typing import BinaryIO, ClassVar, NamedTuple
+from typing import Any, BinaryIO, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.checks import quoted
 from ..base.errors import InputError, one_line
 from ..base.files import checked_file
+from ..base.remote_files import RemoteFile, url_of
 from ..bvh import binned_sah
+from ..bvh.compact_tree import CompactTree, bvh_of
 from ..bvh.nodes import CHILDREN, EMPTY, Bvh, aligned_empty, boxes_of, bvh_leaf, bvh_link
 from ..bvh.reinsertion import reinsert
-from ..scene.camera import Camera
-from ..scene.lights import Light
-from ..scene.mesh import MeshInfo, ObjectInfo, Source
-from ..scene.scene_bounds import check_extent, frame_origin
-from ..scene.scene_data import SceneData
-from ..scene.triangles import Triangles
+from ..scene.alpha_masks import TexelMask
+from ..scene.triangle_setup import rows_with_area
+from .staging_files import CutoutColumns
 from .store_checks import chunk_fault, counts_fault, directory_fault
 from .store_format import (
     COMPLETE,
@@ -35,12 +34,15 @@ from .store_format import (
     HEADER,
     HEADER_CRC,
     MAGIC,
+    OLDEST,
     PAGE,
     STORE_SUFFIX,
     TABLE,
     VERSION,
     Chunk,
     Chunks,
+    CutoutSection,
+    HeightSection,
     StoreMeta,
     TopTree,
     chunk_places,
@@ -49,6 +51,8 @@ from .store_format import (
     meta_to_json,
     pages,
 )
+from .stored_cutouts import CUTOUT_BYTES, StoredCutouts, read_cutouts, write_cutouts
+from .stored_heights import StoredHeights
 
 # --- The top tree -----------------------------------------------------------------------------------------------------
 
@@ -104,24 +108,27 @@ class EncodedChunk(NamedTuple):
     """A chunk as bytes of the file."""
 
     data: NDArray[np.uint8]  # (bytes,)
-    row: np.ndarray  # () TABLE: the chunk's row of the directory; the writer sets the offset
+    row: np.ndarray  # () TABLE: the chunk's row of the directory, without its offset
 
 
-def encode_chunk(bvh: Bvh, palette: np.ndarray, index: np.ndarray) -> EncodedChunk:
-    """Encode a chunk: a BVH, whose prim_ids are indices in the whole scene, and the colours of its slots.
+def encode_chunk(tree: CompactTree, palette: np.ndarray, index: np.ndarray) -> EncodedChunk:
+    """Encode a chunk: a tree, whose prim_ids are indices in the whole scene, and the colours of its slots.
 
     `palette` is (p, 3) float32; `index` is (n,) of any integer type.
     """
-    n, m, p = len(bvh.prim_ids), len(bvh.nodes), len(palette)
+    n, m, p = len(tree.prim_ids), len(tree.nodes), len(palette)
     data = np.zeros(pages(chunk_places(n, m, p).end), np.uint8)
     chunk = chunk_views(data, n, m, p)
-    for target, source in zip((*chunk.bvh[:1], *chunk.bvh[2:], *chunk[1:]), (bvh.nodes, *bvh[2:], palette, index)):
+    for target, source in zip((*chunk.tree[:1], *chunk.tree[2:], *chunk[1:]), (tree.nodes, *tree[2:], palette, index)):
         target[...] = source
     row = np.zeros((), TABLE)
     row["bytes"], row["triangles"], row["nodes"], row["colours"] = len(data), n, m, p
-    row["crc"], row["root"] = zlib.crc32(data.data), bvh.nodes[0]
-    row["box"] = boxes_of(bvh.nodes[:1])[0].reshape(6)
+    row["crc"], row["root"] = zlib.crc32(data.data), tree.nodes[0]
+    row["box"] = boxes_of(tree.nodes[:1])[0].reshape(6)
     return EncodedChunk(data, row)
+
+
+_COPIED = 1 << 22  # bytes copied at a time
 
 
 class StoreWriter:
@@ -129,20 +136,35 @@ class StoreWriter:
 
     def __init__(self, stream: BinaryIO):
         self._stream, self._end = stream, PAGE
-        self._rows: list[np.ndarray] = []
+        self._tables: list[np.ndarray] = []
         stream.seek(PAGE)  # the header stays zeros until `finish`
 
-    def add(self, chunk: EncodedChunk) -> None:
-        """Write the next chunk."""
-        chunk.row["offset"] = self._end
-        self._stream.write(chunk.data.data)
-        self._rows.append(chunk.row)
-        self._end += len(chunk.data)
+    def add(self, path: Path, table: np.ndarray) -> None:
+        """Write the chunks of a file, one after another; `table`: (k,) TABLE, their rows, with offsets in the file."""
+        table = table.copy()
+        table["offset"] += self._end
+        with path.open("rb") as chunks:
+            shutil.copyfileobj(chunks, self._stream, _COPIED)
+        self._tables.append(table)
+        self._end += int(table["bytes"].sum())
+
+    def add_heights(self, path: Path, heights: HeightSection) -> HeightSection:
+        """Write the heights in a file, after all chunks; return their place in the store."""
+        with path.open("rb") as stream:
+            shutil.copyfileobj(stream, self._stream, _COPIED)
+        begin, self._end = self._end, self._end + heights.bytes
+        return heights._replace(offset=begin)
+
+    def add_cutouts(self, parts: Callable[[], Iterable[CutoutColumns]], masks: Sequence[TexelMask]) -> CutoutSection:
+        """Write cut-outs, after the heights; the arguments are those of `write_cutouts`."""
+        section = write_cutouts(self._stream, self._end, parts, masks)
+        self._end += section.bytes
+        return section
 
     @property
     def table(self) -> np.ndarray:
         """(k,) TABLE: the directory rows of the chunks written so far."""
-        return np.stack(self._rows)
+        return np.concatenate(self._tables)
 
     def finish(self, top: TopTree, meta: StoreMeta) -> int:
         """Write the directory, then the header, which marks the store as complete. Return the size of the file."""
@@ -163,41 +185,145 @@ class StoreWriter:
         os.fsync(self._stream.fileno())
 
 
-# --- Reading: chunks are checked each time they are read --------------------------------------------------------------
+# --- Reading: a chunk is checked when it is first read, and again once the file has changed ---------------------------
 
 
 _REMEDY = "copy the file again, or build it again"
 
 
+class Bytes(Protocol):
+    """A file that several threads read at a time."""
+
+    size: int
+
+    @property
+    def closed(self) -> bool: ...
+
+    def read(self, view: memoryview, offset: int) -> int:
+        """Fill a view with the bytes from `offset` on, and return their number; fewer at the end of the file."""
+        ...
+
+    def state(self) -> object:
+        """Equal to an earlier one if the bytes are those of then."""
+        ...
+
+    def close(self) -> None: ...
+
+
+class _LocalFile:
+    """The bytes of a file on this machine: `Bytes`."""
+
+    def __init__(self, path: Path):
+        self._stream, self._lock = FileIO(path), Lock()
+        self.size = os.fstat(self._stream.fileno()).st_size
+
+    @property
+    def closed(self) -> bool:
+        return self._stream.closed
+
+    def read(self, view: memoryview, offset: int) -> int:
+        n_done = 0
+        while n_done < len(view):
+            n_read = self._read_some(view[n_done:], offset + n_done)
+            if not n_read:
+                break
+            n_done += n_read
+        return n_done
+
+    def _read_some(self, view: memoryview, offset: int) -> int:
+        if hasattr(os, "preadv"):
+            return os.preadv(self._stream.fileno(), [view], offset)
+        with self._lock:  # the file has one position
+            self._stream.seek(offset)
+            return self._stream.readinto(view) or 0
+
+    def state(self) -> tuple[int, int]:
+        """Time and size of the file."""
+        status = os.fstat(self._stream.fileno())
+        return status.st_mtime_ns, status.st_size
+
+    def close(self) -> None:
+        self._stream.close()
+
+
+class FaceRange(NamedTuple):
+    """Consecutive chunks of a store whose faces are numbered by int32, from the first one on."""
+
+    chunks: slice
+    first: int  # number of face 0 in the scene
+    triangles: int
+    total: int  # number of faces of the scene
+
+    @property
+    def is_all(self) -> bool:
+        """Whether these are all faces of the scene, under the same numbers."""
+        return self.triangles == self.total
+
+    def faces(self, numbers: NDArray[np.int32]) -> NDArray[Any]:
+        """The faces of the scene, int64 unless these are all, of numbers in the range; -1 stays."""
+        return numbers if self.is_all else np.where(numbers >= 0, numbers + np.int64(self.first), np.int64(-1))
+
+    def numbers(self, faces: NDArray[Any]) -> NDArray[Any]:
+        """The int32 numbers in the range of faces of the scene; -1: none, or in another range."""
+        if self.is_all:
+            return faces
+        numbers = faces.astype(np.int64) - self.first
+        return np.where((numbers >= 0) & (numbers < self.triangles), numbers, -1).astype(np.int32)
+
+
 class Store:
     """A store that is open for reading. Any number of processes and threads may read a store at the same time.
 
-    A pickle holds the path; unpickling opens the file again, which must have the same contents.
+    A pickle holds the path; unpickling opens the file again, which must have the same contents. Of a store at a URL,
+    only the chunks that are needed are fetched.
 
     Attributes
     ----------
     path : Path
+    size : int
+        Bytes of the file.
     meta : Meta
     chunks : Chunks
     top : TopTree
         The tree over the chunks; in memory, like `chunks`.
+    ranges : tuple of FaceRange
+        One, of all faces; several only for tiles of more than 2^31 - 1 faces.
+    digest : str
+        SHA-256 of the directory, which has the checksums of all chunks.
+    version : int
+        That of the file format.
     """
 
-    def __init__(self, path: Path, stream: FileIO, directory: Directory, digest: str):
+    def __init__(self, path: Path, file: Bytes, directory: Directory, digest: str, version: int = VERSION):
         self.path, (self.meta, self.chunks, self.top) = path, directory
-        self._stream, self._lock = stream, Lock()
-        self._absolute, self._digest = path.absolute(), digest
+        self._file, self.size, self.version = file, file.size, version
+        self.ranges: tuple[FaceRange, ...] = (FaceRange(slice(0, len(self)), 0, self.n_triangles, self.n_triangles),)
+        self._absolute, self.digest = path if url_of(path) else path.absolute(), digest
+        self._state: object = None  # of the file whose chunks have been checked
+        self._checked = np.zeros(len(self.chunks.offset), np.bool_)
 
     @property
     def n_triangles(self) -> int:
         return self.meta.n_triangles
+
+    @property
+    def has_cutouts(self) -> bool:
+        """Whether some faces let light pass."""
+        return self.meta.cutouts is not None
+
+    @property
+    def face_dtype(self) -> type[np.signedinteger]:
+        """int32, or int64 for more faces than int32 can number."""
+        return np.int32 if self.ranges[0].is_all else np.int64
 
     def __len__(self) -> int:
         """The number of chunks."""
         return len(self.chunks.offset)
 
     def chunk(self, k: int, memory: np.ndarray | None = None) -> Chunk:
-        """Read chunk `k` and check it. The arrays are views of `memory` and stay valid after `close`.
+        """Read chunk `k`. The arrays are views of `memory` and stay valid after `close`.
+
+        The chunk is checked when it is first read, and again once the size of the file or its time has changed.
 
         Parameters
         ----------
@@ -213,33 +339,88 @@ class Store:
         c = self.chunks
         size = int(c.bytes[k])
         data = aligned_empty((size,), "u1") if memory is None else memory[:size]
+        state = self._file_state()
         try:
-            n_read = self._read(data, int(c.offset[k]))
+            n_read = self.read(data.data, int(c.offset[k]))
         except OSError as error:
             raise self._damaged(k, f"cannot be read ({error.strerror or error})") from None
         if n_read < size:
             raise self._damaged(k, "is cut short")
-        if zlib.crc32(data.data) != c.crc[k]:
-            raise self._damaged(k, "is damaged")
         chunk = chunk_views(data, int(c.triangles[k]), int(c.nodes[k]), int(c.colours[k]))
-        if fault := chunk_fault(chunk, c.root[k], self.n_triangles):
-            raise self._damaged(k, f"is not consistent ({fault})")
+        is_unchanged = self._file_state() == state
+        if not (is_unchanged and self._checked[k]):
+            if zlib.crc32(data.data) != c.crc[k]:
+                raise self._damaged(k, "is damaged")
+            if fault := chunk_fault(chunk, c.root[k], self.n_triangles):
+                raise self._damaged(k, f"is not consistent ({fault})")
+            self._checked[k] = is_unchanged
         return chunk
 
     def check(self, k: int, memory: np.ndarray | None = None) -> None:
-        """Raise the InputError of `chunk` if chunk `k` is damaged."""
+        """Raise the InputError of `chunk` if chunk `k` is damaged, whether or not it has been checked before."""
+        self._checked[k] = False
         self.chunk(k, memory)
+
+    def heights(self) -> StoredHeights | None:
+        """The heights of the terrain that is the scene; None: it is another scene, or an earlier version built it."""
+        if (section := self.meta.heights) is None:
+            return None
+        damaged = lambda what: InputError(f"{self.path.name}: its heights {what}; {_REMEDY}")
+        return StoredHeights(self.meta.name, self.meta.crs, section, self.read, damaged)
+
+    def cutouts(self) -> StoredCutouts | None:
+        """Read the faces that let light pass; None: all faces are solid. InputError if they are damaged."""
+        if (section := self.meta.cutouts) is None:
+            return None
+        damaged = lambda what: InputError(f"{self.path.name}: its cut-outs {what}; {_REMEDY}")
+        return read_cutouts(section, self.read, self.meta.box, self.n_triangles, damaged)
+
+    def cutout_bytes(self) -> int:
+        """The memory that tracing of the cut-outs takes."""
+        section = self.meta.cutouts
+        return 0 if section is None else CUTOUT_BYTES * section.faces + 2 * section.texels
+
+    def trees(self) -> Iterator[Bvh]:
+        """The trees of the chunks, one after the other; each is valid until the next one is requested.
+
+        The first face of a file is in a chunk even if it has no area; another one of the chunk takes its place, if any.
+        """
+        memory = self.memory()
+        for k in range(len(self)):
+            bvh = bvh_of(self.chunk(k, memory).tree)
+            rows = rows_with_area(bvh.corners.reshape(-1, 3, 3), 1)
+            if rows is None:
+                yield bvh
+            elif len(rows):
+                corners = np.repeat(bvh.corners[rows[:1]], len(bvh.corners), 0)
+                corners[rows] = bvh.corners[rows]
+                yield bvh._replace(corners=corners)
 
     def memory(self) -> np.ndarray:
         """(n,) uint8: a new buffer, large enough for any chunk."""
         return aligned_empty((int(self.chunks.bytes.max(initial=0)),), "u1")
 
+    def content(self) -> Iterator[bytes]:
+        """Bytes that change with the scene: the first page, which has the checksum of the checksums of all chunks."""
+        page = bytearray(PAGE)
+        self.read(memoryview(page), 0)
+        yield bytes(page)
+
+    def read(self, view: memoryview, offset: int) -> int:
+        """Fill a view with bytes of the file from `offset` on. Return the number of bytes read."""
+        if self._file.closed:
+            raise InputError(f"{self.path.name}: is closed; open it again")
+        return self._file.read(view, offset)
+
     def close(self) -> None:
         """Close the file."""
-        self._stream.close()
+        self._file.close()
 
-    def __reduce__(self) -> tuple[Callable[[Path, Path, str], "Store"], tuple[Path, Path, str]]:
-        return _reopen, (self._absolute, self.path, self._digest)
+    def __reduce__(self) -> tuple[Callable[..., "Store"], tuple[object, ...]]:
+        return _reopen, (self._opener(), self._absolute, self.path, self.digest)
+
+    def _opener(self) -> "Callable[[Path], Store]":
+        return open_store
 
     def __enter__(self) -> "Store":
         return self
@@ -250,24 +431,14 @@ class Store:
     def __repr__(self) -> str:
         return f"Store({str(self.path)!r}, {self.n_triangles} triangles in {len(self)} chunks)"
 
-    def _read(self, data: np.ndarray, offset: int) -> int:
-        """Fill `data` with bytes of the file from `offset` on. Return the number of bytes read."""
-        if self._stream.closed:
+    def _file_state(self) -> object:
+        """The state of the file. If it has changed, no chunk counts as checked any more."""
+        if self._file.closed:
             raise InputError(f"{self.path.name}: is closed; open it again")
-        view, n_done = data.data, 0
-        while n_done < len(view):
-            n_read = self._read_some(view[n_done:], offset + n_done)
-            if not n_read:
-                break
-            n_done += n_read
-        return n_done
-
-    def _read_some(self, view: memoryview, offset: int) -> int:
-        if hasattr(os, "preadv"):
-            return os.preadv(self._stream.fileno(), [view], offset)
-        with self._lock:  # the file has one position
-            self._stream.seek(offset)
-            return self._stream.readinto(view) or 0
+        state = self._file.state()
+        if state != self._state:
+            self._checked, self._state = np.zeros(len(self), np.bool_), state
+        return state
 
     def _damaged(self, k: int, what: str) -> InputError:
         first, end = int(self.chunks.offset[k]), int(self.chunks.offset[k] + self.chunks.bytes[k])
@@ -284,21 +455,31 @@ def open_store(path: str | os.PathLike[str]) -> Store:
         directory that is damaged or contradicts itself.
     """
     path = Path(path)
-    checked_file(path, path.name or str(path))
-    stream = FileIO(path)
+    file = open_bytes(path)
     try:
-        offset, size, crc = _read_header(stream.read(PAGE), os.fstat(stream.fileno()).st_size, path.name)
-        stream.seek(offset)
-        if fault := counts_fault(stream.read(COUNTS.size), offset, size):
+        version, offset, size, crc = _read_header(_bytes_of(file, 0, PAGE), file.size, path.name)
+        if fault := counts_fault(_bytes_of(file, offset, COUNTS.size), offset, size):
             raise InputError(f"{path.name}: its chunk directory is damaged ({fault}); {_REMEDY}")
-        stream.seek(offset)
-        directory = stream.read(size)
+        directory = _bytes_of(file, offset, size)
         if zlib.crc32(directory) != crc:
             raise InputError(f"{path.name}: its chunk directory is damaged; {_REMEDY}")
-        return Store(path, stream, _directory_of(path.name, directory, offset), hashlib.sha256(directory).hexdigest())
+        digest = hashlib.sha256(directory).hexdigest()
+        return Store(path, file, _directory_of(path.name, directory, offset), digest, version)
     except BaseException:
-        stream.close()
+        file.close()
         raise
+
+
+def open_bytes(path: Path) -> Bytes:
+    """The bytes of a file on this machine or at a URL; InputError if it is missing."""
+    url, name = url_of(path), path.name or str(path)
+    return RemoteFile(url, name) if url else _LocalFile(checked_file(path, name))
+
+
+def _bytes_of(file: Bytes, offset: int, size: int) -> bytes:
+    """Up to `size` bytes of a file."""
+    data = bytearray(max(0, min(size, file.size - offset)))
+    return bytes(memoryview(data)[: file.read(memoryview(data), offset)])
 
 
 def _directory_of(name: str, data: bytes, offset: int) -> Directory:
@@ -319,18 +500,18 @@ def _directory_of(name: str, data: bytes, offset: int) -> Directory:
     return directory
 
 
-def _reopen(absolute: Path, path: Path, digest: str) -> Store:
+def _reopen(opener: Callable[[Path], Store], absolute: Path, path: Path, digest: str) -> Store:
     """Open the store of a pickle. Raises InputError if its file is missing or its contents have changed."""
-    store = open_store(absolute)
-    if store._digest != digest:  # the directory has the checksums of all chunks
+    store = opener(absolute)
+    if store.digest != digest:
         store.close()
         raise InputError(f"{path.name}: was written again after it was pickled; load it again")
     store.path = path
     return store
 
 
-def _read_header(header: bytes, actual: int, name: str) -> tuple[int, int, int]:
-    """Offset, size and CRC-32 of the directory; InputError unless the file is complete."""
+def _read_header(header: bytes, actual: int, name: str) -> tuple[int, int, int, int]:
+    """The version; offset, size and CRC-32 of the directory. InputError unless the file is complete."""
     if not any(header[: len(MAGIC)]):
         raise InputError(f"{name}: its build was not finished; build it again")
     if not header.startswith(MAGIC):
@@ -340,9 +521,10 @@ def _read_header(header: bytes, actual: int, name: str) -> tuple[int, int, int]:
     if zlib.crc32(header[:HEADER_CRC]) != int.from_bytes(header[HEADER_CRC:], "little"):
         raise InputError(f"{name}: the header is damaged; {_REMEDY}")
     _, version, complete, size, offset, length, crc = HEADER.unpack_from(header)
-    if version != VERSION:
-        cure = "build it again" if version < VERSION else "upgrade antumbra, or build it again"
-        raise InputError(f"{name}: is a store of version {version}, and this antumbra reads version {VERSION}; {cure}")
+    if not OLDEST <= version <= VERSION:
+        cure = "build it again" if version < OLDEST else "upgrade antumbra, or build it again"
+        known = f"versions {OLDEST} to {VERSION}"
+        raise InputError(f"{name}: is a store of version {version}, and this antumbra reads {known}; {cure}")
     if complete != COMPLETE:
         raise InputError(f"{name}: its build was not finished; build it again")
     if actual != size:
@@ -350,72 +532,4 @@ def _read_header(header: bytes, actual: int, name: str) -> tuple[int, int, int]:
         raise InputError(f"{name}: {wrong} ({actual} bytes instead of {size}); {_REMEDY}")
     if offset % PAGE or offset < 2 * PAGE or offset + length != size:
         raise InputError(f"{name}: its header places the directory at {offset}, {length} bytes long; {_REMEDY}")
-    return offset, length, crc
-
-
-# --- Scene data -------------------------------------------------------------------------------------------------------
-
-
-class StoreData(SceneData):
-    """Name, bounds, cameras and lights of a scene whose triangles are in a store. It is static."""
-
-    resident: ClassVar[bool] = False
-
-    def __init__(self, store: Store):
-        if not isinstance(store, Store):
-            raise InputError(f"store is {quoted(store)}; antumbra.load opens a store by its path")
-        meta = store.meta
-        check_extent(meta.bounds, store.path.name)  # earlier versions built stores of narrower scenes
-        self.store, self.name, self.up, self.notes, self.duration = store, meta.name, meta.up, meta.notes, 0.0
-        self.meshes: list[MeshInfo] = []
-        self.objects = [ObjectInfo(meta.name, -1, 0)]
-        self.bounds, self.origin, self.crs = meta.bounds, meta.origin, meta.crs
-        self.middle = frame_origin(*meta.bounds)
-        self.raster, self.given_unit = meta.raster, meta.unit
-        self._cameras, self._lights = list(meta.cameras), list(meta.lights)
-
-    @property
-    def n_triangles(self) -> int:
-        return self.store.n_triangles
-
-    @property
-    def object_of_face(self) -> np.ndarray:
-        """(n,) int32, all 0, a read-only broadcast array: a store is one object."""
-        return np.broadcast_to(np.int32(0), self.n_triangles)
-
-    @property
-    def colours(self) -> np.ndarray:
-        """Always raises InputError: the colours are in the chunks of the store."""
-        raise self.refusal()
-
-    @property
-    def source(self) -> Source:
-        """Always raises InputError: what the store was built from is not known."""
-        raise self.refusal()
-
-    def triangles(self, time: float = 0.0, threads: int | None = None) -> Triangles:
-        """Always raises InputError: the triangles are never all in memory."""
-        raise self.refusal()
-
-    def content(self, time: float, threads: int | None = None) -> Iterator[memoryview | bytes]:
-        """The first page of the file, which contains the checksum of the checksums of all chunks."""
-        with self.store.path.open("rb") as stream:
-            yield stream.read(PAGE)
-
-    def refusal(self) -> InputError:
-        """The error raised by methods that need all triangles."""
-        return InputError(
-            f"{self.store.path.name}: is a store, and its {self.n_triangles:,} triangles are never all in memory; "
-            "use a scene in memory for this"
-        )
-
-    def _cameras_at(self, time: float) -> list[Camera]:
-        return self._cameras
-
-    def _lights_at(self, time: float) -> list[Light]:
-        return self._lights
-
-
-def load_store(path: Path) -> StoreData:
-    """Open the scene of a store."""
-    return StoreData(open_store(path))
+    return version, offset, length, crc

@@ -1,14 +1,16 @@
-"""The file format of a store, version 1, and its metadata. All numbers are little-endian.
+"""The file format of a store, version 3, and its metadata. All numbers are little-endian.
 
 ::
 
     header      one page of 4096 bytes: `HEADER`, zeros, and the CRC-32 of all this in the last four bytes
     chunks      each begins on a page: nodes, corners, prim_ids, palette, index, zeros up to the next page
+    heights     of terrain only; begin on a page: rows of float32 or float64, zeros up to the next page
+    cut-outs    if there are faces that let light pass; begin on a page, see `stored_cutouts`
     directory   begins on a page: `COUNTS`, a `TABLE` row for each chunk, the top tree's nodes, metadata (JSON), zeros
 
 CRC-32 checksums cover the padding, so they detect a changed byte anywhere. The header is written last, so a file whose
 build was interrupted begins with zeros. The metadata describes the scene without its triangles as JSON, from which
-floats are restored bit for bit.
+floats are restored bit for bit. Version 2 had no cut-outs: all faces were solid.
 """
 
 import json
@@ -21,21 +23,24 @@ from numpy.typing import NDArray
 
 from ..base.checks import alternatives, quoted
 from ..base.errors import InputError
-from ..bvh.nodes import Bvh
+from ..bvh.compact_tree import CompactTree
 from ..scene.camera import Camera
 from ..scene.light_lists import DirectionalLights, PointLights
 from ..scene.lights import AmbientOcclusion, DirectionalLight, DiskLight, Light, PointLight, QuadLight, SphereLight
 from ..scene.raster import Raster
+from ..scene.terrain import GridPoints
 from ..scene.units import LengthUnit
 
 # --- File layout ------------------------------------------------------------------------------------------------------
 
 
 STORE_SUFFIX = ".antumbra"
+TILES_SUFFIX = ".tiles"  # of a manifest of several stores, see `tiled_store`
 PAGE = 4096
-NODE_BYTES = 64  # bytes of a BVH node in a chunk
+NODE_BYTES = 64  # bytes of a node
 MAGIC = b"ANTUMBRA"
-VERSION = 1
+VERSION = 3
+OLDEST = 2  # that is read
 COMPLETE = 1
 HEADER = struct.Struct("<8sIIQQQI")
 """Magic, version, COMPLETE, size of the file, and the directory's offset, size and CRC-32."""
@@ -64,7 +69,7 @@ class Chunks(NamedTuple):
     offset: NDArray[np.int64]  # (k,): where the chunk begins in the file, a multiple of PAGE
     bytes: NDArray[np.int64]  # (k,): length of the chunk with its padding, a multiple of PAGE
     triangles: NDArray[np.int64]  # (k,): number of triangles
-    nodes: NDArray[np.int64]  # (k,): number of nodes of the chunk's BVH
+    nodes: NDArray[np.int64]  # (k,): number of nodes of the chunk's tree
     colours: NDArray[np.int64]  # (k,): number of rows of the chunk's palette
     crc: NDArray[np.uint32]  # (k,): CRC-32 of all bytes of the chunk
     box: NDArray[np.float32]  # (k, 6): lower, then upper corner; the exact bounds of the chunk's triangles
@@ -81,7 +86,7 @@ class TopTree(NamedTuple):
 class Chunk(NamedTuple):
     """A chunk of a scene: views of the buffer that it was read into."""
 
-    bvh: Bvh  # BVH of the chunk's triangles; prim_ids are indices in the whole scene
+    tree: CompactTree  # prim_ids are indices in the whole scene
     palette: NDArray[np.float32]  # (p, 3): the distinct base colours
     palette_rows: NDArray[Any]  # (n,) uint8, uint16 or uint32: slot -> row of the palette
 
@@ -120,20 +125,84 @@ def chunk_views(data: NDArray[np.uint8], triangles: int, nodes: int, colours: in
     """The arrays of a chunk as views of its bytes, (m,) uint8."""
     at = chunk_places(triangles, nodes, colours)
     lines = data[at.nodes : at.corners]
-    bvh = Bvh(
+    tree = CompactTree(
         lines.view(np.float32).reshape(nodes, 16),
         lines.view(np.int32).reshape(nodes, 16),
         data[at.prim_ids : at.palette].view(np.int32),
         data[at.corners : at.prim_ids].view(np.float32).reshape(triangles, 9),
     )
     palette = data[at.palette : at.palette_rows].view(np.float32).reshape(colours, 3)
-    return Chunk(bvh, palette, data[at.palette_rows : at.end].view(index_dtype(colours)))
+    return Chunk(tree, palette, data[at.palette_rows : at.end].view(index_dtype(colours)))
+
+
+# --- Heights of terrain -----------------------------------------------------------------------------------------------
+
+
+BAND = 256  # rows with a checksum
+
+
+class HeightSection(NamedTuple):
+    """The place of heights in a file."""
+
+    offset: int  # of the first row
+    bytes: int  # length with its padding
+    grid: GridPoints
+    dtype: str
+    crcs: tuple[int, ...]  # CRC-32 of each band
+
+    def band(self, k: int) -> tuple[int, int]:
+        """Where a band begins, and its length with its padding."""
+        size = BAND * self.grid.columns * np.dtype(self.dtype).itemsize
+        return self.offset + k * size, min(size, self.bytes - k * size)
+
+
+def section_from_json(record: Any) -> HeightSection:
+    """A section from its fields as JSON. Raises TypeError or ValueError if they do not fit."""
+    offset, size, grid, dtype, crcs = record
+    return HeightSection(offset, size, GridPoints(*grid), dtype, tuple(crcs))
+
+
+# --- Cut-outs ---------------------------------------------------------------------------------------------------------
+
+
+class CutoutSection(NamedTuple):
+    """The place of cut-outs in a file, and the sizes of their arrays; see `stored_cutouts`."""
+
+    offset: int
+    bytes: int  # length with its padding
+    faces: int
+    masks: int
+    rows: int  # of depths
+    months: int  # 12; or 0 if no mask changes over the year
+    texels: int
+    crc: int  # CRC-32 of all bytes
 
 
 # --- Metadata ---------------------------------------------------------------------------------------------------------
 
 
 _CAMERA = ("position", "target", "up", "vfov", "width", "height", "projection", "extent")
+
+
+class StoredObjects(NamedTuple):
+    """The objects of a scene, in the order of `Scene.objects`, and their faces."""
+
+    names: list[str]
+    types: list[str]
+    parents: list[str]
+    faces: list[int]  # numbers of consecutive faces of one object
+    of: list[int]  # the object of each of these runs
+    had_surfaces: bool = False  # whether the scene has semantic surfaces, which the store does not keep
+
+    def fault(self, n_triangles: int) -> str:
+        """What is wrong with fields from JSON; "" if nothing is."""
+        texts, n = (self.names, self.types, self.parents), len(self.names)
+        if not all(len(each) == n and all(isinstance(text, str) for text in each) for each in texts):
+            return "its objects have no proper names"
+        numbers = len(self.faces) == len(self.of) and all(type(k) is int for k in (*self.faces, *self.of))
+        if not numbers or min(self.faces, default=0) < 1 or not all(0 <= k < n for k in self.of):
+            return "its objects have no proper faces"
+        return "" if sum(self.faces) == n_triangles else "its objects do not have all faces"
 
 
 class StoreMeta(NamedTuple):
@@ -152,15 +221,20 @@ class StoreMeta(NamedTuple):
     crs: str | None = None  # of the world coordinates
     raster: Raster | None = None  # the cells of the raster of heights in the store
     unit: LengthUnit | None = None  # of the world coordinates; None: that of the CRS, or metres
+    heights: HeightSection | None = None  # of the terrain that is the scene
+    objects: StoredObjects | None = None  # None: all faces are one object
+    cutouts: CutoutSection | None = None  # None: all faces are solid
 
 
 def meta_to_json(meta: StoreMeta) -> bytes:
     """The metadata as JSON."""
     record = meta._asdict()
-    for name in ("crs", "raster", "unit"):
+    for name in ("crs", "raster", "unit", "heights", "objects", "cutouts"):
         if record[name] is None:
-            del record[name]  # so that earlier versions read the store
+            del record[name]
     record["bounds"], record["origin"], record["box"] = (_plain(a) for a in (meta.bounds, meta.origin, meta.box))
+    if meta.objects is not None:
+        record["objects"] = meta.objects._asdict()
     record["cameras"] = [{name: _plain(getattr(c, name)) for name in _CAMERA} for c in meta.cameras]
     record["lights"] = [_light_fields(light) for light in meta.lights]
     return json.dumps(record).encode()
@@ -180,6 +254,12 @@ def meta_from_json(data: bytes) -> StoreMeta:
         record["raster"] = Raster(*record["raster"])
     if "unit" in record:
         record["unit"] = LengthUnit(*record["unit"])
+    if "heights" in record:
+        record["heights"] = section_from_json(record["heights"])
+    if "objects" in record:
+        record["objects"] = StoredObjects(**record["objects"])
+    if "cutouts" in record:
+        record["cutouts"] = CutoutSection(*record["cutouts"])
     return StoreMeta(**record)
 
 

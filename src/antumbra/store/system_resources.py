@@ -20,8 +20,8 @@ from ..base.errors import InputError
 # --- Disk space -------------------------------------------------------------------------------------------------------
 
 
-TRIANGLE_BYTES = 130
-"""Upper bound on the disk space per triangle of a build: 75 bytes in the store and 55 in temporary files."""
+TRIANGLE_BYTES = 150
+"""Upper bound on the disk space per triangle of a build: 50 bytes in the store, the rest in parts of it."""
 
 
 def check_disk_space(folder: Path, file: str, triangles: int, written: int = 0) -> None:
@@ -44,8 +44,17 @@ def check_disk_space(folder: Path, file: str, triangles: int, written: int = 0) 
 # --- Memory of this process -------------------------------------------------------------------------------------------
 
 
+MAX_MEMORY = 4 << 30
+"""Limit in bytes on the memory of work on stores, unless a user sets another."""
+
+
 def peak_resident_memory() -> int | None:
-    """Peak resident memory of this process in bytes, mapped files included; None if unknown."""
+    """Peak resident memory of this process in bytes, mapped files included; None if unknown.
+
+    Linux's `ru_maxrss` also has the peak of the parent process, up to the start of this one.
+    """
+    with suppress(OSError, StopIteration), open("/proc/self/status") as stream:
+        return next(int(line.split()[1]) for line in stream if line.startswith("VmHWM:")) * 1024
     try:
         import resource
     except ImportError:  # Windows

@@ -7,18 +7,26 @@ machine. docs/design/shards.md explains the design.
 import json
 import os
 import shlex
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import nullcontext, suppress
 from pathlib import Path
+from time import perf_counter
 from typing import Any, NamedTuple, Protocol, TypeAlias, cast
 
 from ..base.checks import listed, path_of, quoted, whole_number
-from ..base.errors import InputError
+from ..base.errors import InputError, UnavailableError
 from ..base.files import atomic_output, checked_folder
 from ..base.progress import report_progress
+from ..base.wording import some_of
+from ..store.system_resources import resident_memory
+from .estimates import JUDGED, Estimate, tell_estimate
 
 JOB = "job.json"
 """File in a folder of shards that records the command that made them."""
+
+SHARDS = ".shards"
+"""Suffix of folders of shards."""
 
 JOB_FORMAT = 1
 """Version of the schema of `JOB`."""
@@ -53,6 +61,10 @@ class Units(Protocol):
     def found(self, k: int) -> None:
         """Called when unit k is already done."""
 
+    def estimate(self, left: int) -> Estimate | None:
+        """What a unit takes, judged by a sample that is dropped; None if it would not be small beside `left` units."""
+        ...
+
     def clear(self) -> None:
         """Remove intermediate files after the results have been written."""
 
@@ -70,6 +82,29 @@ class Executor(Protocol):
 
     def end(self, work: Sequence[Units]) -> None:
         """Called after the work's results have been written."""
+
+
+class Tally:
+    """What an executor counts: the units of its work, and those that it has not found done already."""
+
+    units = did = 0
+
+    def add(self, units: int, did: int) -> None:
+        """Count more units."""
+        self.units, self.did = self.units + units, self.did + did
+
+
+def traced_share(executor: Executor | None) -> float:
+    """The share of the units of some work that were done now: 1 without an executor that counts them."""
+    return executor.did / executor.units if isinstance(executor, Tally) and executor.units else 1.0
+
+
+class StagedExecutor(Executor, Protocol):
+    """An executor of work in stages: the units of a stage depend on those of earlier ones."""
+
+    def prepare(self, work: Sequence[Units]) -> bool:
+        """Run all units of earlier stages; return whether all are done, so that the next stage can begin."""
+        ...
 
 
 Keep: TypeAlias = str | os.PathLike[str] | Executor | None
@@ -91,36 +126,68 @@ def checked_keep(keep: Keep) -> Path | Executor | None:
     return path_of(keep, "keep")
 
 
-class LocalExecutor:
+class LocalExecutor(Tally):
     """Runs all units that are not done yet."""
 
     def __init__(self, folder: Path | None = None):
         self.folder = folder
 
     def finish(self, work: Sequence[Units]) -> bool:
-        for units in work:
-            do_missing(units, range(len(units)))
+        self.add(sum(map(len, work)), do_missing([(units, range(len(units))) for units in work]))
         return True
+
+    def prepare(self, work: Sequence[Units]) -> bool:
+        return self.finish(work)
 
     def end(self, work: Sequence[Units]) -> None:
         for units in work:
             units.clear()
 
 
-def do_missing(units: Units, numbers: Sequence[int]) -> int:
-    """Do the numbered units that are not done yet; return their number."""
-    did = 0
-    if not len(numbers):
-        return did
-    with report_progress(units.what) if units.what else nullcontext(lambda done, total: None) as progress:
-        for i, k in enumerate(numbers):
-            if units.done(k):
-                units.found(k)
-            else:
-                units.do(k)
-                did += 1
-            progress(i + 1, len(numbers))
+def do_missing(share: Sequence[tuple[Units, Sequence[int]]]) -> int:
+    """Do the numbered units that are not done yet, with an estimate for the rest; return their number.
+
+    An interruption notes how many are kept.
+    """
+    did = passed = 0
+    try:
+        for units, numbers in share:
+            done_now, sampled = 0, False
+            if not len(numbers):
+                continue
+            with report_progress(units.what) if units.what else nullcontext(lambda done, total: None) as progress:
+                for i, k in enumerate(numbers):
+                    if units.done(k):
+                        units.found(k)
+                    else:
+                        if not done_now and (estimate := units.estimate(len(numbers) - i)) is not None:
+                            sampled = True
+                            tell_estimate(units.what, units.root, estimate, len(numbers) - i)
+                        start = perf_counter()
+                        units.do(k)
+                        done_now += 1
+                        if done_now == JUDGED and not sampled:
+                            estimate = _estimate_of(units, k, perf_counter() - start)
+                            tell_estimate(units.what, units.root, estimate, len(numbers) - i - 1)
+                    passed += units.root is not None and units.what != ""  # other work tells it itself
+                    progress(i + 1, len(numbers))
+            did += done_now
+    except KeyboardInterrupt:
+        if passed:
+            total = sum(len(numbers) for _, numbers in share)
+            with suppress(UserWarning):  # where Python makes warnings errors
+                warnings.warn(
+                    f"{some_of(passed, total, 'part', 'are')} done; run it again to resume from there", stacklevel=2
+                )
+        raise
     return did
+
+
+def _estimate_of(units: Units, k: int, seconds: float) -> Estimate:
+    """What other units take, judged by unit k, which is done."""
+    files = [] if units.root is None else [units.root / file for file in units.files(k)]
+    size = sum(file.stat().st_size for file in files if file.is_file())  # a frame that failed has none
+    return Estimate(seconds, size, resident_memory(), 0.0, "one part")
 
 
 class ShardIndex(NamedTuple):
@@ -142,7 +209,7 @@ def checked_shard(shard: tuple[int, int]) -> ShardIndex:
     raise InputError(f"shard is {quoted(shard)}; it must be (i, n) with 0 <= i < n, such as (0, 4)")
 
 
-class ShardExecutor:
+class ShardExecutor(Tally):
     """Runs one shard of some work.
 
     folder : stores the shard's units
@@ -151,17 +218,26 @@ class ShardExecutor:
 
     def __init__(self, folder: Path, share: ShardIndex, command: Sequence[str]):
         self.folder, self.share, self._command = folder, share, list(command)
-        self.units = self.did = 0  # units of this shard, and those of them that this run did
+
+    def prepare(self, work: Sequence[Units]) -> bool:
+        """Run this shard's units, then those that no other shard has done so far: the next stage needs them all."""
+        write_shard_record(self.folder, self._command, self.share.of)
+        for units in work:
+            own = range(self.share.number, len(units), self.share.of)
+            self.add(0, do_missing([(units, own)]))
+            do_missing(
+                [(units, [k for k in reversed(range(len(units))) if k not in own])]
+            )  # others begin with the first
+        return True
 
     def finish(self, work: Sequence[Units]) -> bool:
         write_shard_record(self.folder, self._command, self.share.of)
-        start = 0
+        start, share = 0, list[tuple[Units, Sequence[int]]]()
         for units in work:
             first = (self.share.number - start) % self.share.of
-            numbers = range(first, len(units), self.share.of)
-            self.did += do_missing(units, numbers)
-            self.units += len(numbers)
+            share.append((units, range(first, len(units), self.share.of)))
             start += len(units)
+        self.add(sum(len(numbers) for _, numbers in share), do_missing(share))
         return False
 
     def end(self, work: Sequence[Units]) -> None:
@@ -178,6 +254,9 @@ class UnitCollector:
     def finish(self, work: Sequence[Units]) -> bool:
         self.work = list(work)
         return False
+
+    def prepare(self, work: Sequence[Units]) -> bool:
+        return self.finish(work)
 
     def end(self, work: Sequence[Units]) -> None:
         raise AssertionError("a collector writes no results")
@@ -215,8 +294,15 @@ def write_shard_record(folder: Path, command: Sequence[str], of: int) -> None:
 def read_shard_record(folder: Path) -> ShardRecord:
     """Read the record of `write_shard_record`.
 
-    Raises InputError if the folder has no shards, or has those of another format.
+    Raises
+    ------
+    InputError
+        If the folder has shards of another format, or neither shards nor the name of a folder of shards.
+    UnavailableError
+        If it has that name, and no shard has begun yet.
     """
+    if folder.suffix == SHARDS and not (folder / JOB).exists():
+        raise UnavailableError(f"{folder}: no shard has begun; run the shards, or name the folder that they write")
     try:
         data: dict[str, Any] = json.loads((folder / JOB).read_text())
         number = int(data["format"])

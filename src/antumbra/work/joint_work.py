@@ -27,14 +27,16 @@ class _Joint:
         """No-op: the first work needs its units once more."""
 
 
-class _Keeping(LocalExecutor):
+class _Keeping:
     """A local executor that keeps the units of a work, which `both_results` removes when both works are done."""
 
-    work: Sequence[Units] = ()
+    def __init__(self, executor: LocalExecutor):
+        self.folder, self._executor = executor.folder, executor
+        self.work: Sequence[Units] = ()
 
     def finish(self, work: Sequence[Units]) -> bool:
         self.work = work
-        return super().finish(work)
+        return self._executor.finish(work)
 
     def end(self, work: Sequence[Units]) -> None:
         """No-op."""
@@ -51,7 +53,7 @@ def both_results(first: Study[_T], second: Study[_T], executor: Executor | None)
         return earlier, later
     assert executor.folder is not None
     if isinstance(executor, LocalExecutor):
-        keeping = _Keeping(executor.folder), _Keeping(executor.folder)
+        keeping = _Keeping(executor), _Keeping(executor)
         earlier, later = _silent(first, keeping[0]), second(keeping[1])
         assert earlier is not None and later is not None
         executor.end([*keeping[0].work, *keeping[1].work])
@@ -62,7 +64,7 @@ def both_results(first: Study[_T], second: Study[_T], executor: Executor | None)
     later = second(joint)
     if later is None:
         return None
-    earlier = _silent(first, _Keeping(executor.folder))
+    earlier = _silent(first, _Keeping(LocalExecutor(executor.folder)))
     assert earlier is not None
     executor.end(joint.work)
     return earlier, later

@@ -34,6 +34,12 @@ def text_of(value: Any) -> str:
     return f"{value:,.6g}" if isinstance(value, float) else str(value)
 
 
+def speed_text(rays: float, seconds: float) -> str:
+    """What follows the time or number of rays, such as ``, 3.4 million rays/s``; empty if they are few."""
+    speed = f"{rays / 1e6 / max(seconds, 1e-9):,.1f}"
+    return "" if speed == "0.0" else f", {speed} million rays/s"
+
+
 def duration(seconds: float) -> str:
     """Seconds as text: 12 ms, 3.45 s, 12 min, 1.5 h."""
     if seconds >= 600.0:

@@ -11,14 +11,17 @@ import json
 import shlex
 import shutil
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
+from io import BytesIO
 from pathlib import Path
-from typing import Any, NamedTuple
+from time import perf_counter
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
-from ..base.errors import InputError
+from ..base.errors import InputError, UnavailableError
 from ..base.files import atomic_output
+from ..base.wording import some_of
 from ..engine.plan import Plan, parse_plan
 from ..picture.frame import Frame
 from ..picture.render_options import RenderOptions
@@ -26,8 +29,10 @@ from ..picture.renderer import Renderer
 from ..picture.row_bands import BAND, band_array_names, bits_of_bands
 from ..scene.camera import Camera
 from ..scene.lights import Light
+from ..store.system_resources import peak_resident_memory, resident_memory
 from ..version import VERSION
-from .executors import Executor, Units, numbered, read_shard_record
+from .estimates import Estimate
+from .executors import Executor, Tally, Units, numbered, read_shard_record
 
 # --- Resumable parts --------------------------------------------------------------------------------------------------
 
@@ -38,6 +43,13 @@ Work = Callable[[int, int], Arrays]
 
 ABOUT = "about.json"
 """File beside the parts in a folder that records what they depend on."""
+
+_PIECE, _PLACES = 32, 4  # of a part: the piece that is a sample, and their number
+_MANY = 16  # parts, of which samples are a hundredth of the work
+_LEAST = 16  # items of a piece, of which a part takes proportionally more
+# What work takes beyond the memory that samples leave, as measured on sun, viewshed, los and skyline:
+_HELD = 1.25  # of that memory
+_ITEM, _SCRATCH = 600.0, 4.0  # bytes an item, or in the bytes of the results if these are more
 
 _OF = "part of"  # array in each file that records its folder and number
 
@@ -105,17 +117,62 @@ class Parts:
 
     def do(self, k: int) -> None:
         """Compute part k and store it."""
-        arrays = self._work(*self.ranges[k])
         if self.folder is None:
-            self._in_memory[k] = arrays
-            return
+            return self.hold(k, *self.ranges[k])
+        arrays = self._work(*self.ranges[k])
+        with self.storing(k) as temporary, open(temporary, "wb") as out:
+            _save(out, arrays, f"{self.name} {k}")
+
+    def estimate(self, left: int) -> Estimate | None:
+        """Judged by `_PLACES` pieces of parts, evenly spread, and by single items, which tell what any part takes."""
+        first, last = self.ranges[0] if self.ranges else (0, 0)
+        items, end = last - first, self.ranges[-1][1] if self.ranges else 0
+        piece = items // _PIECE
+        if self.folder is None or left < _MANY or piece < _LEAST:
+            return None
+        places = [(2 * k + 1) * end // (2 * _PLACES) for k in range(_PLACES)]
+        self._sample(places[0], places[0] + piece)  # loads kernels and builds trees
+        (short, small), (long, large) = (
+            self._samples([(place, min(place + n, end)) for place in places]) for n in (1, piece)
+        )
+        share = (items - 1) / (piece - 1)
+        seconds, size = (low + share * max(high - low, 0.0) for low, high in ((short, long), (small, large)))
+        resident = resident_memory()
+        more = (_HELD - 1.0) * resident + max(_ITEM * items, _SCRATCH * size / _PLACES)
+        memory = max(resident + more, peak_resident_memory() or 0)
+        source = f"a sample of {piece * _PLACES:,}"
+        return Estimate(seconds / _PLACES, size / _PLACES, memory, more, source)
+
+    def _samples(self, ranges: Sequence[tuple[int, int]]) -> tuple[float, int]:
+        """The seconds and the bytes of some ranges."""
+        start = perf_counter()
+        size = sum(self._sample(*each) for each in ranges)
+        return perf_counter() - start, size
+
+    def _sample(self, first: int, last: int) -> int:
+        """Compute a range; return the bytes of its file."""
+        file = BytesIO()
+        _save(file, self._work(first, last), self.name)
+        return file.tell()
+
+    @contextmanager
+    def storing(self, k: int) -> Iterator[Path]:
+        """Yield the temporary name of the file of part k, beside the record of what the parts depend on."""
         file = self._file(k, None)
         file.parent.mkdir(parents=True, exist_ok=True)
         if not (about_file := file.with_name(ABOUT)).exists():
             with atomic_output(about_file) as temporary:
                 temporary.write_text(json.dumps(self.about))
-        with atomic_output(file) as temporary, open(temporary, "wb") as out:
-            np.savez(out, allow_pickle=False, **arrays, **{_OF: np.array(f"{self.name} {k}")})
+        with atomic_output(file) as temporary:
+            yield temporary
+
+    def hold(self, k: int, first: int, last: int) -> None:
+        """Compute a range, and keep it in memory as part k."""
+        self._in_memory[k] = self._work(first, last)
+
+    def drop(self, k: int) -> None:
+        """Remove the arrays of a part in memory."""
+        del self._in_memory[k]
 
     def joined(self, names: Sequence[str]) -> Arrays:
         """The named arrays of all parts, concatenated. All parts must be done, and there must be at least one."""
@@ -138,7 +195,7 @@ class Parts:
 
     def _file(self, k: int, root: Path | None) -> Path:
         assert self.root is not None
-        return (root or self.root) / self.files(k)[0]
+        return (root or self.root) / self.files(k)[-1]
 
     def _load(self, k: int, root: Path | None) -> Arrays | None:
         """The arrays of part k; None if it is not done, or its file is damaged or belongs to other work."""
@@ -161,6 +218,10 @@ class Parts:
                 self.folder.parent.rmdir()
 
 
+def _save(file: BinaryIO, arrays: Arrays, of: str) -> None:
+    np.savez(file, allow_pickle=False, **arrays, **{_OF: np.array(of)})
+
+
 # --- Merging shards ---------------------------------------------------------------------------------------------------
 
 
@@ -175,7 +236,7 @@ class FinishedUnit(NamedTuple):
     root: Path
 
 
-class ShardMerge:
+class ShardMerge(Tally):
     """An executor that runs no unit: it collects finished ones from folders of shards.
 
     folder : receives the units, from which the work writes its results
@@ -188,9 +249,13 @@ class ShardMerge:
         self._recorded = [read_shard_record(path) for path in sources]
 
     def finish(self, work: Sequence[Units]) -> bool:
-        self._check_commands()
         for source in self._sources.values():
             _check_folder(source, work)
+        return self.prepare(work)
+
+    def prepare(self, work: Sequence[Units]) -> bool:
+        self._check_commands()
+        self.add(sum(map(len, work)), 0)
         for unit in self._places(work):
             target = unit.units.root
             if target is not None and unit.root.resolve() != target.resolve():
@@ -213,7 +278,15 @@ class ShardMerge:
                 )
 
     def _places(self, work: Sequence[Units]) -> list[FinishedUnit]:
-        """Locate each unit. Raises InputError if one is missing, or there twice with other contents."""
+        """Locate each unit.
+
+        Raises
+        ------
+        InputError
+            If a unit is damaged, or there twice with other contents.
+        UnavailableError
+            If shards have not done all units yet.
+        """
         finished, missing_units = list[FinishedUnit](), list[tuple[int, str]]()
         for number, units, k in numbered(work):
             roots = [root for root in self._roots(units) if units.done(k, root)]
@@ -224,7 +297,9 @@ class ShardMerge:
             else:
                 missing_units.append((number, self._fault(units, k)))
         if missing_units:
-            raise InputError(self._missing_message(missing_units, len(finished) + len(missing_units)))
+            is_damaged = any(fault for _, fault in missing_units)
+            error = InputError if is_damaged else UnavailableError
+            raise error(self._missing_message(missing_units, len(finished) + len(missing_units)))
         return finished
 
     def _roots(self, units: Units) -> Iterator[Path]:
@@ -250,7 +325,7 @@ class ShardMerge:
         why = f" ({'; '.join(faults[:_MAX_NAMES])})" if faults else ""
         what = f"shard{'s' * (len(shards) > 1)} {names} {'are' if len(shards) > 1 else 'is'} not complete"
         again = shlex.join(["antumbra", *self._recorded[0].command, "--shard", f"{shards[0]}/{of}"])
-        return f"{what}, {len(missing)} of {total} parts lack{why}; run {again}"
+        return f"{what}, {some_of(len(missing), total, 'part', 'lack')}{why}; run {again}"
 
 
 def _check_equal(files: list[str], first: Path, second: Path) -> None:

@@ -254,3 +254,46 @@ def test_animation_to_infinity_is_an_error_when_it_is_reached(tmp_path):
     assert scene.triangles(0.0).vertices.shape == (1, 3, 3)
     with pytest.raises(InputError, match=r"made.glb: meshes.*not finite"):
         scene.triangles(1.0)
+
+
+# --- One clip of many -------------------------------------------------------------------------------------------------
+
+
+def clips(names=("walk", None, "run")):
+    made = Gltf()
+    node = made.node(mesh=made.mesh())
+    for k, name in enumerate(names):
+        made.animate(node, "translation", [0.0, 1.0 + k], [[k, 0, 0], [k, 5, 0]], animation=k)
+        if name is not None:
+            made.json["animations"][k]["name"] = name
+    return made
+
+
+@pytest.mark.parametrize("chosen, k", [("walk", 0), ("1", 1), ("run", 2)])
+def test_a_chosen_clip_plays_alone(tmp_path, chosen, k):
+    scene = load(clips().write(tmp_path), animation=chosen)
+    assert scene.duration == 1.0 + k and scene.notes == ()
+    assert_at(scene, TRIANGLE[None] + np.float32([k, 0, 0]))
+
+
+def test_without_a_choice_the_first_clip_wins_with_a_note(tmp_path):
+    with pytest.warns(UserWarning, match="choose one with animation=NAME"):
+        scene = load(clips().write(tmp_path))
+    assert_at(scene, TRIANGLE[None])
+
+
+def test_an_unknown_clip_is_refused(tmp_path):
+    path = clips(("walk", "run")).write(tmp_path)
+    with pytest.raises(InputError, match=r"animation 'runn' is unknown; did you mean 'run'\? use walk, run"):
+        load(path, animation="runn")
+    (tmp_path / "still").mkdir()
+    made = Gltf()
+    made.node(mesh=made.mesh())
+    with pytest.raises(InputError, match="animation 'run' is unknown; the file has none"):
+        load(made.write(tmp_path / "still"), animation="run")
+
+
+def test_other_files_have_no_clips(tmp_path):
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    with pytest.raises(InputError, match="animation chooses a clip of a glTF file"):
+        load(tmp_path / "a.obj", animation="run")

@@ -1,10 +1,15 @@
 """glTF accessors: bounds-checked numbers in buffers, sparse values, normalised integers, and Draco decompression."""
 
+from typing import Any, TypeAlias
+
 import numpy as np
+from numpy.typing import NDArray
 
 from ...base.errors import InputError
 from ...base.extras import import_extra
 from ...base.memory import check_reading
+from ...base.wording import counted
+from ..face_ranges import BINARY_PLY, FileBytes, FileRows
 from ..json_fields import Fields
 from .gltf_file import CURE, GltfDocument
 
@@ -18,15 +23,21 @@ _VALUE_BYTES = 12  # of memory per number: as stored, selected, and as it is kep
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
 
+Rows: TypeAlias = NDArray[Any] | None
+"""Rows of an accessor: a mask, or numbers, which ascend; None: all."""
+
+_NONE = np.empty(0, np.int64)
+
+
 class Accessors:
-    """The accessors of a document. Each is decoded once and cached."""
+    """The accessors of a document. Each is decoded once and cached; those of a file on the disk are read by rows."""
 
     def __init__(self, document: GltfDocument):
         self._document = document
         self._fields = document.root.objects("accessors")
         self._views = document.root.objects("bufferViews")
         self._available = sum(len(b) for b in document.buffers if b is not None)
-        self._decoded: dict[int, np.ndarray] = {}
+        self._decoded: dict[int, np.ndarray | FileRows] = {}
         self._finite: dict[int, np.ndarray] = {}
         self._reserved = self._checked = 0  # bytes that the document takes so far, and at the last check
 
@@ -37,14 +48,25 @@ class Accessors:
         """Whether the file stores values for the accessor; without, they are zeros."""
         return "bufferView" in self._fields[index] or "sparse" in self._fields[index]
 
+    def count(self, index: int, *kinds: str) -> int:
+        """The number of elements, once they are found in the file; they may be left there."""
+        self._raw(index, kinds, _NONE)
+        count: int = self._fields[index].whole("count")
+        return count
+
     def supply(self, index: int, values: np.ndarray) -> None:
         """Set the values ((count, width) numbers) of an accessor whose data are stored elsewhere in the file."""
         fields = self._fields[index]
         shape = fields.whole("count"), WIDTHS.get(fields.text("type"), 0)
         if values.shape != shape:
             raise InputError(f"{fields.where} says {shape}, the compressed data are {values.shape}; export it again")
-        self._decoded[index] = values.astype(self._dtype(fields))
+        self._decoded[index] = self._kept(values.astype(self._dtype(fields)))
         self._finite.pop(index, None)
+
+    def _kept(self, values: np.ndarray) -> "np.ndarray | FileRows":
+        """Decompressed values, in the scratch file if there is one."""
+        scratch, row = self._document.scratch, np.dtype((values.dtype, values.shape[1:]))
+        return values if scratch is None else scratch.add(values).rows(row, row.itemsize)
 
     def reserve(self, size: int, where: str) -> None:
         """Count memory of the document that is about to be taken; InputError if it takes too much.
@@ -63,7 +85,10 @@ class Accessors:
             indices = [index for each in holders if isinstance(each, dict) for index in each.values()]
             most = _MOST_COUNT if primitive.extension(DRACO_EXTENSION) else self._available
             sizes = [self._size(index, most) for index in (primitive.data.get("indices"), *indices)]
-            self.reserve(sum(sizes), where)
+            if self._document.scratch is None:
+                self.reserve(sum(sizes), where)
+            elif primitive.extension(DRACO_EXTENSION):
+                check_reading(sum(sizes), primitive.where, cure=CURE)
 
     def _size(self, index: object, most: int) -> int:
         """Bytes of memory for an accessor's values; 0 if reading it will fail, since it has more than `most`."""
@@ -78,15 +103,15 @@ class Accessors:
         view = self._views[holder.whole(key, high=len(self._views))]
         size = view.whole("byteLength", low=1)
         flat = Fields({**holder.data, "byteOffset": 0}, holder.where)
-        return self._view(flat, size, 1, np.dtype(np.uint8)).tobytes()
+        return self._read(self._view(flat, size, 1, np.dtype(np.uint8)), None, size).tobytes()
 
     def stored(self, index: int) -> np.ndarray:
         """(count, width): the numbers in their stored type."""
         return self._raw(index, tuple(WIDTHS))
 
-    def floats(self, index: int, *kinds: str) -> np.ndarray:
-        """(count, width): float32 as stored; integers as float64, normalised if the file says so."""
-        values = self._raw(index, kinds)
+    def floats(self, index: int, *kinds: str, rows: Rows = None) -> np.ndarray:
+        """(n, width): float32 as stored; integers as float64, normalised if the file says so."""
+        values = self._raw(index, kinds, rows)
         if values.dtype.kind == "f":
             return values
         if not self._fields[index].flag("normalized"):
@@ -94,55 +119,72 @@ class Accessors:
         scaled = values / float(np.iinfo(values.dtype).max)
         return np.maximum(scaled, -1.0)
 
-    def finite(self, index: int, *kinds: str) -> np.ndarray:
+    def finite(self, index: int, *kinds: str, rows: Rows = None) -> np.ndarray:
         """`floats` as float64, shared by all who ask for the accessor. Raises InputError on NaN or infinity."""
-        values = self.floats(index, *kinds)
-        if index not in self._finite:
+        is_shared = rows is None or self._document.scratch is None
+        values = self.floats(index, *kinds, rows=None if is_shared else rows)
+        if not is_shared or index not in self._finite:
             if not np.isfinite(values).all():
                 raise InputError(f"{self._fields[index].where} holds NaN or infinity; export the file again")
+            if not is_shared:
+                return values.astype(np.float64)
             self._finite[index] = values.astype(np.float64)
-        return self._finite[index]
+        shared = self._finite[index]
+        return shared if rows is None else shared[rows]
 
-    def whole(self, index: int, *kinds: str) -> np.ndarray:
-        """(count, width) unsigned integers."""
-        values = self._raw(index, kinds)
+    def whole(self, index: int, *kinds: str, rows: Rows = None) -> np.ndarray:
+        """(n, width) unsigned integers."""
+        values = self._raw(index, kinds, rows)
         if values.dtype.kind != "u":
             raise self._fields[index].bad("componentType", "5121, 5123 or 5125 (unsigned) for indices")
         return values
 
-    def _raw(self, index: int, kinds: tuple[str, ...]) -> np.ndarray:
+    def _raw(self, index: int, kinds: tuple[str, ...], rows: Rows = None) -> np.ndarray:
         fields = self._fields[index]
         if fields.text("type") not in kinds:
             raise fields.bad("type", " or ".join(kinds) + " where it is used")
         if index not in self._decoded:
             self._decoded[index] = self._decode(fields)
-        return self._decoded[index]
+        return self._read(self._decoded[index], rows, fields.whole("count"))
 
-    def _decode(self, fields: Fields) -> np.ndarray:
+    def _read(self, values: "np.ndarray | FileRows", rows: Rows, count: int) -> np.ndarray:
+        """Rows of an accessor with `count` rows."""
+        if isinstance(values, FileRows):
+            return values.first(count) if rows is None else values[rows]
+        return values if rows is None else values[rows]
+
+    def _decode(self, fields: Fields) -> "np.ndarray | FileRows":
         width, dtype = WIDTHS[fields.text("type")], self._dtype(fields)
         count, sparse = fields.whole("count"), fields.object("sparse")
         if "bufferView" in fields:
             values = self._view(fields, count, width, dtype)
+            if sparse is None:
+                return values
+            if isinstance(values, FileRows):
+                check_reading(_VALUE_BYTES * width * count, fields.where, cure=BINARY_PLY)
+            values = self._read(values, None, count)
         else:  # zeros; legitimate ones accompany data in buffers, which bounds their count
             if count > self._available:
                 raise fields.bad("count", f"at most {self._available}, the bytes in buffers, without bufferView")
             values = np.zeros((count, width), dtype)
-        return values if sparse is None else self._with_sparse(values, sparse)
+        return self._kept(values if sparse is None else self._with_sparse(values, sparse))
 
     def _with_sparse(self, values: np.ndarray, sparse: Fields) -> np.ndarray:
         count = sparse.whole("count", low=1, high=len(values) + 1)
         indices, replacements = sparse.object("indices"), sparse.object("values")
         if indices is None or replacements is None:
             raise InputError(f"{sparse.where} needs indices and values; export the file again")
-        rows = self._view(indices, count, 1, self._dtype(indices))[:, 0]
+        rows = self._read(self._view(indices, count, 1, self._dtype(indices)), None, count)[:, 0]
         if rows.dtype.kind != "u" or rows.max() >= len(values):
-            raise InputError(f"{indices.where} reaches beyond the {len(values)} elements; export the file again")
+            raise InputError(
+                f"{indices.where} reaches beyond the {counted(len(values), 'element')}; export the file again"
+            )
         values = values.copy()
-        values[rows] = self._view(replacements, count, values.shape[1], values.dtype)
+        values[rows] = self._read(self._view(replacements, count, values.shape[1], values.dtype), None, count)
         return values
 
-    def _view(self, fields: Fields, count: int, width: int, dtype: np.dtype) -> np.ndarray:
-        """A (count, width) view into a buffer, after checking that bufferView and buffer are large enough."""
+    def _view(self, fields: Fields, count: int, width: int, dtype: np.dtype) -> "np.ndarray | FileRows":
+        """(count, width) numbers in a buffer, after checking that bufferView and buffer are large enough."""
         view = self._views[fields.whole("bufferView", high=len(self._views))]
         number = view.whole("buffer", high=len(self._document.buffers))
         buffer = self._document.buffers[number]
@@ -161,6 +203,8 @@ class Accessors:
             raise InputError(f"{fields.where} needs {needed} bytes, its bufferView has {size}; export it again")
         if count == 0:
             return np.empty((0, width), dtype)
+        if isinstance(buffer, FileBytes):
+            return buffer[start + offset :].rows(np.dtype((dtype, (width,))), stride)
         return np.ndarray((count, width), dtype, buffer, start + offset, (stride, dtype.itemsize))
 
     def _dtype(self, fields: Fields) -> np.dtype:

@@ -21,7 +21,7 @@ from ...kernels.parallel import map_in_threads
 from ...scene.materials import decode_image
 from .accessors import COMPONENTS, WIDTHS, Accessors, decompress
 from .accessors import DRACO_EXTENSION as DRACO
-from .gltf_file import CURE, HARMLESS, SUPPORTED, GltfDocument, data_uri_bytes, is_data_uri, open_gltf
+from .gltf_file import CURE, HARMLESS, SUPPORTED, Buffer, GltfDocument, data_uri_bytes, is_data_uri, open_gltf
 from .gltf_materials import BASISU, IMAGE_EXTENSIONS
 from .gltf_writer import GltfWriter, Json, glb_bytes
 
@@ -274,13 +274,13 @@ def open_asset(path: Path) -> Asset:
     return asset
 
 
-def _append_buffer(binary: bytearray, buffer: np.ndarray | None, file: str, index: int) -> int:
+def _append_buffer(binary: bytearray, buffer: Buffer | None, file: str, index: int) -> int:
     """Append a buffer at a multiple of four bytes; return its start."""
     if buffer is None:
         raise InputError(f"{file}: buffers[{index}] has no data; {CURE}")
     binary += bytes(-len(binary) % 4)
     start = len(binary)
-    binary += buffer.tobytes()
+    binary += bytes(buffer)
     return start
 
 

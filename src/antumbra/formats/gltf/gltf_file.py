@@ -9,10 +9,12 @@ and floats of KHR_mesh_quantization.
 import base64
 import binascii
 import struct
+import weakref
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 from urllib.parse import unquote_to_bytes
 
 import numpy as np
@@ -20,9 +22,10 @@ from numpy.typing import NDArray
 
 from ...base.errors import InputError
 from ...base.extras import MissingPackage, import_extra
-from ...base.files import checked_file, sibling
+from ...base.files import checked_file, sibling, temporary_folder
 from ...base.memory import check_reading
 from ...kernels.parallel import map_in_threads
+from ..face_ranges import FileBytes
 from ..json_fields import Fields, parse
 
 GLB_MAGIC, JSON_CHUNK, BINARY_CHUNK = b"glTF", 0x4E4F534A, 0x004E4942
@@ -35,11 +38,33 @@ SUPPORTED = {
     *MESHOPT_EXTENSIONS,
 }
 HARMLESS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "MSFT_texture_", "MSFT_packing_", "KHR_xmp")
+FEW_ELEMENTS = 1 << 21
+"""Files whose accessors have at most so many elements are read whole even for stores, which is faster."""
+
 CURE = "decompress it first, for example with: npx @gltf-transform/cli copy in.glb out.glb"
 
 
-Buffers = list[np.ndarray | None]
-"""The buffers of a file, (byteLength,) uint8 each; None: it has no data."""
+Buffer: TypeAlias = np.ndarray | FileBytes
+"""(byteLength,) uint8, in memory or in a file."""
+
+Buffers = list[Buffer | None]
+"""The buffers of a file; None: it has no data."""
+
+
+class Scratch:
+    """A scratch file for decompressed data, which is removed with this object."""
+
+    def __init__(self) -> None:
+        with ExitStack() as stack:
+            self._path, self._end = stack.enter_context(temporary_folder()) / "decompressed", 0
+            self.close = weakref.finalize(self, stack.pop_all().close)
+
+    def add(self, values: np.ndarray) -> FileBytes:
+        """Append the bytes of an array."""
+        with self._path.open("ab") as stream:
+            stream.write(np.ascontiguousarray(values).data)
+        self._end += values.nbytes
+        return FileBytes(self._path, self._end - values.nbytes, values.nbytes)
 
 
 class GltfDocument(NamedTuple):
@@ -49,12 +74,16 @@ class GltfDocument(NamedTuple):
     folder: Path
     root: Fields
     buffers: Buffers
+    scratch: Scratch | None = None  # takes what is decompressed; None: that stays in memory, and so do the buffers
 
 
-def open_gltf(path: Path) -> GltfDocument:
-    """Read a .glb or .gltf file, identified by content, and the buffers in it or beside it."""
-    data, file = path.read_bytes(), path.name
-    text, binary = split_glb(data, file) if data[:4] == GLB_MAGIC else (data, None)
+def open_gltf(path: Path, streamed: bool = False) -> GltfDocument:
+    """Read a .glb or .gltf file, identified by content, and the buffers in it or beside it.
+
+    streamed : leave the buffers of a large file on the disk
+    """
+    data, file = FileBytes(path), path.name
+    text, binary = split_glb(data, file) if bytes(data[:4]) == GLB_MAGIC else (bytes(data), None)
     root = parse(text, file)
     _check_version(root)
     _check_extensions(root)
@@ -64,14 +93,28 @@ def open_gltf(path: Path) -> GltfDocument:
             if uri is not None and not is_data_uri(uri):
                 sibling(path.parent, uri, fields.place("uri"))
     buffers = [_buffer(b, i, binary, path.parent) for i, b in enumerate(root.objects("buffers"))]
-    return GltfDocument(file, path.parent, *decompress_views(root, buffers))
+    scratch = Scratch() if streamed and _n_elements(root) > FEW_ELEMENTS else None
+    if scratch is None:
+        buffers = [None if buffer is None else in_memory(buffer) for buffer in buffers]
+    return GltfDocument(file, path.parent, *decompress_views(root, buffers, scratch), scratch)
 
 
-def split_glb(data: bytes, file: str) -> tuple[bytes, memoryview | None]:
+def in_memory(buffer: Buffer) -> np.ndarray:
+    """The bytes of a buffer, or of a part of it."""
+    return buffer.read() if isinstance(buffer, FileBytes) else buffer
+
+
+def _n_elements(root: Fields) -> int:
+    """The elements of all accessors, as the file declares them."""
+    counts = [accessor.data.get("count") for accessor in root.objects("accessors")]
+    return sum(count for count in counts if isinstance(count, int))
+
+
+def split_glb(data: FileBytes, file: str) -> tuple[bytes, FileBytes | None]:
     """The JSON and binary chunks of a GLB container."""
     if len(data) < 20:
         raise InputError(f"{file}: GLB header is cut short at {len(data)} bytes; copy the file again")
-    version, length = struct.unpack_from("<II", data, 4)
+    version, length = struct.unpack("<II", bytes(data[4:12]))
     if version != 2:
         raise InputError(f"{file}: GLB version is {version}; convert the file to glTF 2.0")
     if length > len(data):
@@ -81,7 +124,7 @@ def split_glb(data: bytes, file: str) -> tuple[bytes, memoryview | None]:
     chunks: list[tuple[int, int, int]] = []
     offset = 12
     while offset + 8 <= length:
-        size, kind = struct.unpack_from("<II", data, offset)
+        size, kind = struct.unpack("<II", bytes(data[offset : offset + 8]))
         offset += 8
         if size > length - offset:
             remaining = length - offset
@@ -92,9 +135,8 @@ def split_glb(data: bytes, file: str) -> tuple[bytes, memoryview | None]:
         offset += size
     if not chunks or chunks[0][0] != JSON_CHUNK:
         raise InputError(f"{file}: the first GLB chunk is not JSON; export the file again")
-    view = memoryview(data)
-    text = bytes(view[chunks[0][1] : chunks[0][1] + chunks[0][2]])
-    binary = next((view[o : o + n] for kind, o, n in chunks[1:2] if kind == BINARY_CHUNK), None)
+    text = bytes(data[chunks[0][1] : chunks[0][1] + chunks[0][2]])
+    binary = next((data[o : o + n] for kind, o, n in chunks[1:2] if kind == BINARY_CHUNK), None)
     return text, binary
 
 
@@ -117,26 +159,23 @@ def data_uri_bytes(uri: str, where: str) -> bytes:
         raise InputError(f"{where} is a data URI that is not base64; export the file again") from None
 
 
-def _buffer(fields: Fields, index: int, binary: memoryview | None, folder: Path) -> np.ndarray | None:
+def _buffer(fields: Fields, index: int, binary: FileBytes | None, folder: Path) -> Buffer | None:
     size, uri = fields.whole("byteLength"), fields.text("uri", None)
     place = fields.place("byteLength")
-    data: bytes | memoryview
+    data: Buffer
     if uri is None:
         if index > 0 or binary is None:
             return None
         data = binary
     elif is_data_uri(uri):
-        data = data_uri_bytes(uri, fields.place("uri"))
+        data = np.frombuffer(data_uri_bytes(uri, fields.place("uri")), np.uint8)
     else:
         path = sibling(folder, uri, fields.place("uri"))
         if is_fallback(fields) and not path.exists():
             return None
-        path = checked_file(path, f"{fields.place('uri')} {uri[:80]!r}")
-        _check_size(size, path.stat().st_size, place)
-        with path.open("rb") as stream:
-            data = stream.read(size)
+        data = FileBytes(checked_file(path, f"{fields.place('uri')} {uri[:80]!r}"))
     _check_size(size, len(data), place)
-    return np.frombuffer(data, np.uint8, size)
+    return data[:size]
 
 
 def _check_size(declared: int, available: int, place: str) -> None:
@@ -188,8 +227,10 @@ def is_fallback(buffer: Fields) -> bool:
     return any(extension is not None and extension.flag("fallback") for extension in extensions)
 
 
-def decompress_views(root: Fields, buffers: Buffers) -> tuple[Fields, Buffers]:
+def decompress_views(root: Fields, buffers: Buffers, scratch: Scratch | None) -> tuple[Fields, Buffers]:
     """A file without compressed buffer views: (JSON, buffers). Unchanged if it has none.
+
+    scratch : takes the views, one after the other; None: memory does
 
     Otherwise each view becomes a buffer, so that no compressed bytes remain. Fallback buffers are used only if the
     library is missing: viewers with a decoder ignore them, so faults in them go unnoticed.
@@ -211,6 +252,10 @@ def decompress_views(root: Fields, buffers: Buffers) -> tuple[Fields, Buffers]:
             raise
     else:
         stored = sum(len(buffer) for buffer in buffers if buffer is not None)  # views may share it
+        if scratch is not None:
+            for i, extension in packed.items():
+                out[i] = _spilled(library, views[i], extension, buffers, scratch)
+            return Fields(_plain_json(root.data), root.where), out
         compressed, expanded = list[CompressedView](), 0
         for i, extension in packed.items():
             view = _compressed_view(views[i], extension, buffers)
@@ -226,7 +271,14 @@ def _extension(view: Fields) -> Fields | None:
     return next((found for name in MESHOPT_EXTENSIONS if (found := view.extension(name)) is not None), None)
 
 
-def _view_data(view: Fields, buffers: Buffers) -> np.ndarray | None:
+def _spilled(library: ModuleType, view: Fields, extension: Fields, buffers: Buffers, scratch: Scratch) -> FileBytes:
+    """Decompress a view into a scratch file."""
+    count, stride = extension.whole("count"), extension.whole("byteStride", low=1, high=257)
+    check_reading(count * stride + extension.whole("byteLength", low=1), extension.where, cure=CURE)
+    return scratch.add(_decode(library, _compressed_view(view, extension, buffers)))
+
+
+def _view_data(view: Fields, buffers: Buffers) -> Buffer | None:
     """The bytes of a view in its buffer, fewer if the buffer is cut short; None: the buffer has no data."""
     buffer = buffers[view.whole("buffer", high=len(buffers))]
     start = view.whole("byteOffset", 0)
@@ -245,7 +297,7 @@ def _compressed_view(view: Fields, extension: Fields, buffers: Buffers) -> Compr
     if length > MAX_RATIO * size:
         raise InputError(f"{extension.where} has {length} bytes in {size}, which no encoder writes; export it again")
     return CompressedView(
-        extension.where, data.tobytes(), count, stride, extension.text("mode"), extension.text("filter", "NONE")
+        extension.where, bytes(data), count, stride, extension.text("mode"), extension.text("filter", "NONE")
     )
 
 

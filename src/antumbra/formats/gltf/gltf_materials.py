@@ -1,4 +1,4 @@
-"""glTF materials: base colour, texture and alpha mode, and a note on ignored fields."""
+"""glTF materials: base colour, alpha mode, metallic-roughness parameters and maps, and a note on ignored fields."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
@@ -22,9 +22,13 @@ from ...scene.materials import (
     OPAQUE,
     PLAIN,
     REPEAT,
+    Affine,
     Material,
+    PbrParameters,
     Texture,
+    TextureMap,
     check_textures,
+    checked_size,
     without_texture,
 )
 from ..json_fields import Fields
@@ -42,8 +46,41 @@ IMAGE_EXTENSIONS = "EXT_texture_webp", BASISU
 """Extensions of textures that name an image of another kind than PNG and JPEG."""
 
 _TRANSFORM = "KHR_texture_transform"
+EMISSIVE_STRENGTH = "KHR_materials_emissive_strength"
+UNLIT = "KHR_materials_unlit"
 _TRANSMISSION = "KHR_materials_transmission"
 _SPECULAR = "KHR_materials_pbrSpecularGlossiness"  # the older material model, archived but common
+
+
+class _Coordinates(NamedTuple):
+    """The texture coordinates of a texture."""
+
+    uv_set: str  # attribute
+    transform: NDArray[np.float64] | None  # (2, 3) float64: KHR_texture_transform; None: none
+
+
+def _coordinates(info: Fields) -> _Coordinates:
+    """The coordinates of a reference to a texture."""
+    transform, uv_set = info.extension(_TRANSFORM), info.whole("texCoord", 0)
+    if transform is not None:
+        uv_set = transform.whole("texCoord", uv_set)
+    return _Coordinates(f"TEXCOORD_{uv_set}", None if transform is None else _matrix(transform))
+
+
+_IDENTITY: Affine = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+
+
+def _relative(own: _Coordinates, shared: _Coordinates) -> Affine | None:
+    """The map from shared texture coordinates to a texture's own; None if there is none."""
+    ours, theirs = (np.eye(2, 3) if each.transform is None else each.transform for each in (own, shared))
+    if np.array_equal(ours, theirs):
+        return _IDENTITY
+    (a, b, x), (c, d, y) = theirs.tolist()
+    if (area := a * d - b * c) == 0.0:
+        return None
+    back = np.array([[d, -b, b * y - d * x], [-c, a, c * x - a * y], [0.0, 0.0, area]]) / area
+    (a, b, x), (c, d, y) = product(ours, back).tolist()
+    return (a, b, x), (c, d, y)
 
 
 class MappedMaterial(NamedTuple):
@@ -58,8 +95,8 @@ class MappedMaterial(NamedTuple):
         return uv if self.transform is None else product(uv, self.transform[:, :2].T) + self.transform[:, 2]
 
 
-_TextureKey: TypeAlias = tuple[int, int, int, bool, bool]
-"""An image, its wrap modes, whether the nearest texel is shown, and whether alpha matters."""
+_TextureKey: TypeAlias = tuple[int, int, int, bool, bool, bool]
+"""An image, its wrap modes, whether the nearest texel is shown, whether alpha matters, and whether it holds data."""
 
 
 class Materials:
@@ -74,6 +111,7 @@ class Materials:
         self._mapped: dict[int, MappedMaterial] = {}
         self._bad: set[int] = set()
         self._cache: dict[_TextureKey, Texture] = {}
+        self._map_textures: dict[_TextureKey, Texture] = {}  # besides base colours
         self._ahead: dict[_TextureKey, Texture] = {}  # from `decode_ahead`
         self._first_with: dict[tuple[Any, ...], int] = {}  # place of an image's bytes -> the first such image
         self.notes: list[str] = []
@@ -118,16 +156,76 @@ class Materials:
         factor, texture_info = _base_colour(fields)
         r, g, b, a = np.clip(factor, 0.0, 1.0).tolist()
         material = material._replace(factor=(r, g, b, a))
-        if texture_info is None:
-            return MappedMaterial(material)
-        texture = self._textures[texture_info.whole("index", high=len(self._textures))]
-        image = self._texture(texture, mode != OPAQUE)
-        material = without_texture(material) if image is None else material._replace(texture=image)
-        transform = texture_info.extension(_TRANSFORM)
-        uv_set = texture_info.whole("texCoord", 0)
-        if transform is not None:
-            uv_set = transform.whole("texCoord", uv_set)
-        return MappedMaterial(material, f"TEXCOORD_{uv_set}", None if transform is None else _matrix(transform))
+        coordinates = None
+        if texture_info is not None:
+            texture = self._textures[texture_info.whole("index", high=len(self._textures))]
+            image = self._texture(texture, mode != OPAQUE)
+            material = without_texture(material) if image is None else material._replace(texture=image)
+            coordinates = _coordinates(texture_info)
+        if fields.extension(UNLIT) is None and (
+            "pbrMetallicRoughness" in fields or fields.extension(_SPECULAR) is None
+        ):
+            pbr, coordinates = self._pbr(fields, coordinates)
+            material = material._replace(pbr=None if pbr.is_plain else pbr)
+        return MappedMaterial(material, *(coordinates or ()))
+
+    def _pbr(self, fields: Fields, shared: "_Coordinates | None") -> "tuple[PbrParameters, _Coordinates | None]":
+        """The parameters besides the base colour, and the coordinates that all textures share: `shared`, if given."""
+        model = fields.object("pbrMetallicRoughness") or Fields({}, fields.where)
+
+        def mapped(info: Fields | None, holds_data: bool = True) -> TextureMap | None:
+            nonlocal shared
+            if info is None:
+                return None
+            own = _coordinates(info)
+            shared = own if shared is None else shared
+            return self._map(info, own, shared, holds_data)
+
+        factors = (model.number(f"{key}Factor", 1.0) for key in ("metallic", "roughness"))
+        metal, roughness = (float(np.clip(factor, 0.0, 1.0)) for factor in factors)
+        brighter = fields.extension(EMISSIVE_STRENGTH)
+        strength = 1.0 if brighter is None else float(np.clip(brighter.number("emissiveStrength", 1.0), 0.0, 1e30))
+        r, g, b = (strength * np.clip(fields.numbers("emissiveFactor", 3, np.zeros(3)), 0.0, 1.0)).tolist()
+        shade, bump = fields.object("occlusionTexture"), fields.object("normalTexture")
+        pbr = PbrParameters(
+            metallic=metal,
+            roughness=roughness,
+            metal_map=mapped(model.object("metallicRoughnessTexture")),
+            occlusion_map=mapped(shade),
+            occlusion_strength=1.0 if shade is None else float(np.clip(shade.number("strength", 1.0), 0.0, 1.0)),
+            normal_map=mapped(bump),
+            normal_scale=1.0 if bump is None else bump.number("scale", 1.0),
+            emission=(r, g, b),
+            emission_map=mapped(fields.object("emissiveTexture"), False) if any((r, g, b)) else None,
+        )
+        return pbr, shared
+
+    def _map(self, info: Fields, own: "_Coordinates", shared: "_Coordinates", holds_data: bool) -> TextureMap | None:
+        """A texture besides the base colour; None, with a note, if it cannot be used."""
+        texture = self._textures[info.whole("index", high=len(self._textures))]
+        key, reason = self._key(texture, False, holds_data), "its format is not supported"
+        transform = _relative(own, shared)
+        if own.uv_set != shared.uv_set:
+            key, reason = None, f"it has texture coordinates of its own, {own.uv_set}"
+        elif transform is None:
+            key, reason = None, "the texture coordinates of its material have no inverse"
+        found = None if key is None else self._cache.get(key) or self._map_textures.get(key)
+        if found is None and key is not None:
+            try:
+                found = self._map_textures[key] = self._checked_texture(key)
+            except (OSError, ValueError) as error:
+                reason = str(error)
+        if found is None:
+            self._note(info.where, reason, "left out")
+            return None
+        return TextureMap(found, None if transform == _IDENTITY else transform)
+
+    def _checked_texture(self, key: _TextureKey) -> Texture:
+        """A texture that pictures decode. Raises ValueError if its header is that of no image."""
+        texture = self._new_texture(key)
+        assert isinstance(texture.picture, bytes)
+        checked_size(texture.picture)
+        return texture
 
     def _texture(self, texture: Fields, has_alpha: bool) -> Texture | None:
         """A texture that can be decoded, else None, with one note per image."""
@@ -147,7 +245,7 @@ class Materials:
                 self._note(self._images[key[0]].where, str(error))
         return self._cache.get(key)
 
-    def _key(self, texture: Fields, has_alpha: bool) -> _TextureKey | None:
+    def _key(self, texture: Fields, has_alpha: bool, holds_data: bool = False) -> _TextureKey | None:
         """The image of a texture, and how it is sampled; None if its format is not supported."""
         holders = (texture, *(texture.extension(name) for name in IMAGE_EXTENSIONS))
         source = next((each for each in holders if each is not None and "source" in each), texture)
@@ -159,7 +257,7 @@ class Materials:
         number = texture.whole("sampler", None, high=len(self._samplers))
         sampler = Fields({}, texture.where) if number is None else self._samplers[number]
         wrap_s, wrap_t = (WRAPS.get(sampler.whole(key, 10497), REPEAT) for key in ("wrapS", "wrapT"))
-        return index, wrap_s, wrap_t, sampler.whole("magFilter", 0) == _NEAREST, has_alpha
+        return index, wrap_s, wrap_t, sampler.whole("magFilter", 0) == _NEAREST, has_alpha, holds_data
 
     def _place(self, image: Fields) -> tuple[Any, ...]:
         """Where the bytes of an image are: images of the same bytes are decoded once."""
@@ -169,13 +267,13 @@ class Materials:
         return tuple(view.whole(name, 0) for name in ("buffer", "byteOffset", "byteLength"))
 
     def _new_texture(self, key: _TextureKey) -> Texture:
-        index, wrap_s, wrap_t, nearest, has_alpha = key
+        index, wrap_s, wrap_t, nearest, has_alpha, holds_data = key
         image = self._images[index]
-        return Texture(image.where, self._bytes(image), wrap_s, wrap_t, nearest, has_alpha)
+        return Texture(image.where, self._bytes(image), wrap_s, wrap_t, nearest, has_alpha, holds_data=holds_data)
 
-    def _note(self, where: str, reason: str) -> None:
+    def _note(self, where: str, reason: str, instead: str = "shown in pink") -> None:
         reason = " ".join(reason.split())[:160].removeprefix(where + " ")
-        self.notes.append(f"{where} cannot be used ({reason}); shown in pink")
+        self.notes.append(f"{where} cannot be used ({reason}); {instead}")
 
     def _bytes(self, image: Fields) -> bytes:
         uri = image.text("uri", None)
@@ -247,19 +345,12 @@ def ignored_fields(root: Fields) -> list[str]:
     properties = {name for material in root.objects("materials") for name in _ignored_properties(material)}
     if root.extension("KHR_materials_variants") is not None:
         properties.add("variants of materials")
-    return [f"{root.where} left out: {', '.join(sorted(properties))}; surfaces are diffuse"] if properties else []
+    return [f"{root.where} left out: {', '.join(sorted(properties))}"] if properties else []
 
 
 def _ignored_properties(material: Fields) -> Iterator[str]:
-    model = material.object("pbrMetallicRoughness")
-    if model is not None and ("metallicRoughnessTexture" in model or model.number("metallicFactor", 0.0) > 0.0):
-        yield "metalness and roughness"
-    if "normalTexture" in material:
-        yield "normal maps"
-    if "occlusionTexture" in material:
-        yield "occlusion maps"
-    if "emissiveTexture" in material or np.any(material.numbers("emissiveFactor", 3, np.zeros(3))):
-        yield "emission"
+    if material.object("pbrMetallicRoughness") is None and material.extension(_SPECULAR) is not None:
+        yield "specular and glossiness"
     transmission = material.extension(_TRANSMISSION)
     if transmission is not None and "transmissionTexture" in transmission:
         yield "transmission maps"

@@ -1,23 +1,27 @@
 """glTF mesh primitives: triangles, strips and fans; morph targets and skins; merging of small primitives."""
 
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...base.errors import InputError
+from ...base.wording import counted
 from ...kernels.small_matrices import dot, product
-from ...scene.materials import MeshAppearance, look_of, mean_colours
-from ...scene.mesh import Mesh, check_finite, n_faces, used_faces
+from ...scene.materials import MeshAppearance, look_of, mean_colours, pbr_of
+from ...scene.mesh import Mesh, check_faces, check_finite, distinct_vertices, n_faces, used_faces
 from ..json_fields import Fields
-from .accessors import Accessors, decompress
+from .accessors import Accessors, Rows, decompress
 from .gltf_materials import Materials
 
 # --- Primitives: triangles, strips and fans ---------------------------------------------------------------------------
 
 
 TRIANGLES, STRIP, FAN = 4, 5, 6
+
+_RowsOf: TypeAlias = Callable[..., Any]
+"""rows(method of `Accessors`, index, *kinds): the values of the vertices that faces use, one row each."""
 
 
 class Primitive(NamedTuple):
@@ -36,58 +40,115 @@ class Primitive(NamedTuple):
         return n_faces(self.mesh.positions, self.mesh.faces)
 
 
-def read_primitive(
-    fields: Fields, name: str, accessors: Accessors, materials: Materials, index: int
-) -> Primitive | None:
-    """A primitive, or None if it has no triangles (points, lines)."""
+class Triangles(NamedTuple):
+    """How the vertices of a primitive form triangles."""
+
+    where: str  # name of the primitive in errors
+    mode: int  # TRIANGLES, STRIP or FAN
+    n_vertices: int
+    corners: int | None  # the accessor of the corners' vertices; None: the vertices in order
+    n: int  # triangles
+
+    def faces(self, accessors: Accessors) -> tuple[NDArray[np.int32] | None, NDArray[np.bool_] | None]:
+        """`scene.mesh.used_faces` of all triangles; (None, None) if every three vertices are a face."""
+        if self.mode == TRIANGLES and self.corners is None:
+            return None, None
+        if self.corners is None:
+            faces = self._numbers(np.arange(self.n))
+        else:
+            corners = accessors.whole(self.corners, "SCALAR")[:, 0]
+            is_list = self.mode == TRIANGLES
+            faces = corners.reshape(-1, 3) if is_list else corners[self._numbers(np.arange(self.n))]
+        return used_faces(faces, self.n_vertices, self.where)
+
+    def some(
+        self, accessors: Accessors, chosen: NDArray[np.int64]
+    ) -> tuple[NDArray[np.int32] | None, NDArray[np.int64]]:
+        """(faces, the vertices that they use) of triangles whose numbers ascend, as `scene.mesh.distinct_vertices`."""
+        numbers = self._numbers(chosen)
+        if self.mode == TRIANGLES and self.corners is None:
+            return None, numbers.reshape(-1)
+        if self.corners is not None:
+            read, at = numbers.reshape(-1), np.arange(numbers.size)
+            if self.mode != TRIANGLES:
+                read, at = np.unique(read, return_inverse=True)
+            numbers = accessors.whole(self.corners, "SCALAR", rows=read)[:, 0][at].reshape(-1, 3)
+        used, faces = distinct_vertices(check_faces(numbers, self.n_vertices, self.where, int(chosen[0])))
+        return faces, used
+
+    def _numbers(self, i: NDArray[np.int64]) -> NDArray[np.int64]:
+        """(f, 3): the numbers of the corners of triangles."""
+        if self.mode == TRIANGLES:
+            return 3 * i[:, None] + np.arange(3)
+        if self.mode == STRIP:
+            return np.stack([i, i + 1 + i % 2, i + 2 - i % 2], axis=1)
+        return np.stack([i + 1, i + 2, i * 0], axis=1)
+
+
+def triangles_of(fields: Fields, accessors: Accessors) -> Triangles | None:
+    """The triangles of a primitive, decompressed; None if it has none (points, lines)."""
     decompress(fields, accessors)
     mode = fields.whole("mode", TRIANGLES, high=7)
     attributes = fields.mapping("attributes", len(accessors))
     if mode < TRIANGLES or "POSITION" not in attributes:
         return None
-    positions = accessors.floats(attributes["POSITION"], "VEC3")
-    faces = _faces(fields, mode, len(positions), accessors)
-    if n_faces(positions, faces) == 0:
-        return None
-    used = None
-    if faces is not None:
-        faces, used = used_faces(faces, len(positions), fields.where)
-
-    def rows(values: np.ndarray) -> np.ndarray:
-        if len(values) != len(positions):
-            raise InputError(f"{fields.where} has {len(positions)} positions but {len(values)} of another attribute")
-        return np.array(values if used is None else values[used])
-
-    targets = _targets(fields, accessors, rows)
-    joints, weights = _influences(attributes, accessors, rows)
-    vertices = rows(positions)
-    check_finite(vertices, fields.where)
-    colour, look = _appearance(fields, attributes, accessors, rows, faces, materials, vertices)
-    return Primitive(Mesh(name, vertices, faces, colour, look), fields.where, targets, joints, weights, used, index)
+    n_vertices = count = accessors.count(attributes["POSITION"], "VEC3")
+    corners = fields.whole("indices", None, high=len(accessors))
+    if corners is not None:
+        count = accessors.count(corners, "SCALAR")
+    if mode == TRIANGLES and count % 3:
+        raise InputError(
+            f"{fields.where} has {counted(count, 'corner')}, not a multiple of 3; export the mesh triangulated"
+        )
+    n = count // 3 if mode == TRIANGLES else max(count - 2, 0)
+    return Triangles(fields.where, mode, n_vertices, corners, n) if n else None
 
 
-def _faces(fields: Fields, mode: int, n_vertices: int, accessors: Accessors) -> np.ndarray | None:
-    """(f, 3) vertex indices; None if every three vertices are a face."""
-    index = fields.whole("indices", None, high=len(accessors))
-    corners = None if index is None else accessors.whole(index, "SCALAR")[:, 0]
-    count = n_vertices if corners is None else len(corners)
-    if mode == TRIANGLES:
-        if count % 3:
-            raise InputError(f"{fields.where} has {count} corners, not a multiple of 3; export the mesh triangulated")
-        return None if corners is None else corners.reshape(-1, 3)
-    if corners is None:
-        corners = np.arange(count)
-    i = np.arange(max(count - 2, 0))
-    if mode == STRIP:
-        return np.stack([corners[i], corners[i + 1 + i % 2], corners[i + 2 - i % 2]], axis=1)
-    return np.stack([corners[i + 1], corners[i + 2], corners[i * 0]], axis=1)
+class PrimitiveReader:
+    """Reads a primitive that has triangles, whole or in parts.
+
+    name : of its mesh
+    place : index of the primitive in its mesh
+    """
+
+    def __init__(
+        self, fields: Fields, triangles: Triangles, name: str, accessors: Accessors, materials: Materials, place: int
+    ):
+        self._fields, self._triangles, self._name, self._place = fields, triangles, name, place
+        self._accessors, self._materials = accessors, materials
+        self.triangles = triangles.n
+
+    def read(self, chosen: NDArray[np.int64] | None = None) -> Primitive:
+        """The primitive; `chosen`: of these triangles, whose numbers ascend, and of the vertices that they use."""
+        fields, accessors, n = self._fields, self._accessors, self._triangles.n_vertices
+        attributes = fields.mapping("attributes", len(accessors))
+        mask: NDArray[np.bool_] | None = None
+        used: Rows
+        if chosen is None:
+            faces, mask = self._triangles.faces(accessors)
+            used = mask
+        else:
+            faces, used = self._triangles.some(accessors, chosen)
+
+        def rows(read: Callable[..., np.ndarray], index: int, *kinds: str) -> np.ndarray:
+            if (count := accessors.count(index, *kinds)) != n:
+                raise InputError(f"{fields.where} has {counted(n, 'position')} but {count} of another attribute")
+            return np.array(read(index, *kinds, rows=used))
+
+        targets = _targets(fields, accessors, rows)
+        joints, weights = _influences(attributes, accessors, rows)
+        vertices = rows(accessors.floats, attributes["POSITION"], "VEC3")
+        check_finite(vertices, fields.where, used if mask is None else np.flatnonzero(mask))
+        colour, look = _appearance(fields, attributes, accessors, rows, faces, self._materials, vertices)
+        mesh = Mesh(self._name, vertices, faces, colour, look)
+        return Primitive(mesh, fields.where, targets, joints, weights, mask, self._place)
 
 
-def _targets(fields: Fields, accessors: Accessors, rows: Callable[[np.ndarray], np.ndarray]) -> np.ndarray | None:
+def _targets(fields: Fields, accessors: Accessors, rows: _RowsOf) -> np.ndarray | None:
     targets = []
     for target in fields.objects("targets"):
         index = target.whole("POSITION", None, high=len(accessors))
-        targets.append(None if index is None else rows(accessors.floats(index, "VEC3")))
+        targets.append(None if index is None else rows(accessors.floats, index, "VEC3"))
     moving = [t for t in targets if t is not None]
     if not moving:
         return None
@@ -98,15 +159,15 @@ def _targets(fields: Fields, accessors: Accessors, rows: Callable[[np.ndarray], 
 
 
 def _influences(
-    attributes: dict[str, int], accessors: Accessors, rows: Callable[[np.ndarray], np.ndarray]
+    attributes: dict[str, int], accessors: Accessors, rows: _RowsOf
 ) -> tuple[NDArray[np.int32] | None, NDArray[np.float64] | None]:
     """(joints, weights) with the columns of all sets (JOINTS_0, JOINTS_1, ...); weights sum to 1."""
     joints, weights = [], []
     for n in range(len(attributes)):
         if f"JOINTS_{n}" not in attributes or f"WEIGHTS_{n}" not in attributes:
             break
-        joints.append(rows(accessors.whole(attributes[f"JOINTS_{n}"], "VEC4")))
-        weights.append(rows(accessors.finite(attributes[f"WEIGHTS_{n}"], "VEC4")))
+        joints.append(rows(accessors.whole, attributes[f"JOINTS_{n}"], "VEC4"))
+        weights.append(rows(accessors.finite, attributes[f"WEIGHTS_{n}"], "VEC4"))
     if not joints:
         return None, None
     joint, weight = np.concatenate(joints, axis=1).astype(np.int64), np.concatenate(weights, axis=1)
@@ -120,7 +181,7 @@ def _appearance(
     fields: Fields,
     attributes: dict[str, int],
     accessors: Accessors,
-    rows: Callable[[np.ndarray], np.ndarray],
+    rows: _RowsOf,
     faces: np.ndarray | None,
     materials: Materials,
     vertices: np.ndarray,
@@ -128,13 +189,14 @@ def _appearance(
     """(mean base colour, (3,) or (f, 3) float32; Look, or None if the mean colour suffices)."""
 
     def of(name: str, *kinds: str) -> np.ndarray | None:
-        return rows(accessors.floats(attributes[name], *kinds)) if name in attributes else None
+        return rows(accessors.floats, attributes[name], *kinds) if name in attributes else None
 
     mapped = materials.of_primitive(fields)
-    uv = None if mapped.material.texture is None else of(mapped.uv_set, "VEC2")
+    uv = of(mapped.uv_set, "VEC2") if mapped.material.has_maps else None
     uv = None if uv is None else mapped.transformed(uv)
     colours = of("COLOR_0", "VEC3", "VEC4")
-    look = look_of(mapped.material, uv, colours, of("NORMAL", "VEC3"), vertices)
+    tangents = of("TANGENT", "VEC4") if pbr_of(mapped.material).normal_map is not None else None
+    look = look_of(mapped.material, uv, colours, of("NORMAL", "VEC3"), vertices, tangents)
     return mean_colours(mapped.material, faces, uv, colours), look
 
 
@@ -159,7 +221,9 @@ def read_skins(root: Fields, accessors: Accessors, n_nodes: int) -> list[Skin]:
         if index is not None:
             stored = accessors.finite(index, "MAT4")
             if len(stored) < len(joints):
-                raise InputError(f"{fields.where} has {len(joints)} joints but {len(stored)} inverseBindMatrices")
+                raise InputError(
+                    f"{fields.where} has {counted(len(joints), 'joint')} but {len(stored)} inverseBindMatrices"
+                )
             inverse = stored[: len(joints)].reshape(-1, 4, 4).transpose(0, 2, 1)  # stored by columns
         skins.append(Skin(joints, inverse, fields.where))
     return skins
@@ -273,15 +337,16 @@ def _look(meshes: list[Mesh], counts: list[int], positions: np.ndarray) -> MeshA
     number = {material: i for i, material in enumerate(materials)}
     of_mesh = np.array([-1 if look is None else number[look.materials[0]] for look in looks], np.int32)
     textured = np.array([look is not None and look.uv is not None for look in looks])
-    normals = _rows(meshes, "normals", 3, 0.0)
+    normals, bumpy = _rows(meshes, "normals", 3, 0.0), any(pbr_of(m).normal_map is not None for m in materials)
     return MeshAppearance(
         tuple(materials),
         _rows(meshes, "uv", 2, 0.0),
         _rows(meshes, "colours", 4, 1.0),
         normals,
-        None if normals is None else positions,
+        None if normals is None and not bumpy else positions,
         np.repeat(of_mesh, counts),
         np.repeat(textured, counts),
+        _rows(meshes, "tangents", 4, 0.0),
     )
 
 

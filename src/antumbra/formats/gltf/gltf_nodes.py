@@ -7,7 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...base.checks import quoted, spelling_hint
 from ...base.errors import InputError
+from ...base.wording import counted
 from ...kernels.elementary import acos, sin
 from ...kernels.small_matrices import dot, product
 from ...kernels.small_matrices import length as length_of
@@ -175,9 +177,9 @@ class Track(NamedTuple):
 
 
 def read_tracks(
-    root: Fields, accessors: Accessors, nodes: Nodes, n_weights: list[int]
+    root: Fields, accessors: Accessors, nodes: Nodes, n_weights: list[int], chosen: str | None = None
 ) -> tuple[list[Track], list[str]]:
-    """The (tracks, notes) of all animations.
+    """The (tracks, notes) of all animations, or of the one that is chosen by its name, or its number if it has none.
 
     All animations play at once. If several animate the same property of a node, as the clips of a character do, the
     first one in the file wins, as in viewers that play the first clip.
@@ -185,7 +187,7 @@ def read_tracks(
     tracks: dict[tuple[int, str], Track] = {}
     unit_keys = _UnitKeys()
     left_out: list[str] = []
-    for number, animation in enumerate(root.objects("animations")):
+    for number, animation in _chosen_animations(root, chosen):
         samplers, conflict = animation.objects("samplers"), False
         for channel in animation.objects("channels"):
             track = _track(channel, samplers, accessors, nodes, n_weights, unit_keys)
@@ -196,8 +198,23 @@ def read_tracks(
     notes = []
     if left_out:
         names = ", ".join(name[:40] for name in left_out[:8]) + (", ..." if len(left_out) > 8 else "")
-        notes.append(f"{root.where} these animations conflict with an earlier one, which takes precedence: {names}")
+        notes.append(
+            f"{root.where} these animations conflict with an earlier one, which takes precedence: {names}; choose one "
+            "with animation=NAME"
+        )
     return list(tracks.values()), notes
+
+
+def _chosen_animations(root: Fields, chosen: str | None) -> list[tuple[int, Fields]]:
+    """The numbered animations that play. Raises InputError if none has the chosen name."""
+    animations = list(enumerate(root.objects("animations")))
+    if chosen is None:
+        return animations
+    names = [each.text("name", None) or str(number) for number, each in animations]
+    if chosen not in names:
+        known = f"{spelling_hint(chosen, names)}use {', '.join(names[:20])}" if names else "the file has none"
+        raise InputError(f"{root.where} animation {quoted(chosen)} is unknown; {known}")
+    return [animations[names.index(chosen)]]
 
 
 def sample_track(track: Track, time: float) -> NDArray[np.float64]:
@@ -282,7 +299,8 @@ def _track(
     shape = (len(times), 3, width) if interpolation == CUBICSPLINE else (len(times), width)
     if output.size != math.prod(shape):
         raise InputError(
-            f"{sampler.where} has {output.size} numbers for {len(times)} keys; {math.prod(shape)} are needed"
+            f"{sampler.where} has {counted(output.size, 'number')} for {counted(len(times), 'key')}; "
+            f"{math.prod(shape)} are needed"
         )
     values = output.reshape(shape)
     if path == "rotation":

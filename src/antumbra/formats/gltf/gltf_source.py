@@ -3,7 +3,7 @@
 Each node with a mesh becomes a `MeshNode`. At every time, its primitives are deformed and transformed to world space.
 """
 
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.errors import InputError
+from ...base.wording import counted
 from ...kernels.small_matrices import product
 from ...scene.camera import Camera
 from ...scene.instances import (
@@ -25,19 +26,21 @@ from ...scene.instances import (
 )
 from ...scene.lights import Light
 from ...scene.mesh import Mesh, MeshInfo, ObjectInfo, Piece
+from ..face_ranges import FACES_PER_PIECE
 from ..json_fields import Fields
 from .accessors import Accessors
 from .gltf_file import GltfDocument, open_gltf
 from .gltf_materials import Materials, ignored_fields
 from .gltf_meshes import (
     Primitive,
+    PrimitiveReader,
     Skin,
     check_skin,
     join_small_primitives,
     morphed,
-    read_primitive,
     read_skins,
     skinned,
+    triangles_of,
 )
 from .gltf_nodes import (
     GltfViews,
@@ -64,10 +67,35 @@ class MeshNode(NamedTuple):
     weights: NDArray[np.float64]  # (t,) float64, weights of the morph targets at rest
     skin: Skin | None
     copies: NDArray[np.float64] | None  # (k, 4, 4) float64, transforms of EXT_mesh_gpu_instancing relative to the node
+    on_disk: list[PrimitiveReader]  # of a file on the disk, instead of `primitives` and `runs`
 
     @property
     def n_copies(self) -> int:
         return 1 if self.copies is None else len(self.copies)
+
+    @property
+    def parts(self) -> list[Primitive] | list[PrimitiveReader]:
+        """The primitives, in memory or on the disk."""
+        return self.primitives or self.on_disk
+
+    def read(self) -> Iterator[tuple["MeshNode", Primitive]]:
+        """The primitives in the order of faces, each with this node, or with a copy if its faces are read in ranges."""
+        yield from ((self, run) for run in self.runs)
+        for primitive in self.on_disk:
+            n = primitive.triangles
+            for one in [self] if n <= FACES_PER_PIECE else self._each_copy():
+                for first in range(0, n, FACES_PER_PIECE):
+                    read = primitive.read(np.arange(first, min(first + FACES_PER_PIECE, n)))
+                    if self.skin is not None:
+                        check_skin(read, self.skin)
+                    yield one, read
+
+    def _each_copy(self) -> Iterator["MeshNode"]:
+        if self.copies is None:
+            yield self
+            return
+        for k in range(len(self.copies)):
+            yield self._replace(first=self.first + k, copies=self.copies[k : k + 1])
 
 
 _COPY_BYTES = 600  # of memory per instance: its transform, object and name
@@ -107,31 +135,35 @@ class GltfSource:
         self.file, self.meshes, self.objects = file, meshes, objects
         self.duration = max([0.0, *(float(t.times[-1]) for t in tracks)])
         self._nodes, self._draws, self._tracks, self._views = nodes, draws, tracks, views
+        self.animation: str | None = None  # the clip that plays; None: all at once
         self._posed: tuple[float, _Pose] | None = None  # the last pose: deep hierarchies take long to pose
 
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | {"_posed": None}
 
     def pieces(self, time: float) -> Generator[Piece, None, None]:
-        for placed in self._placed(time, merge_runs=True):
+        for placed in self._placed(time, (each for draw in self._draws for each in draw.read())):
             mesh = placed.primitive.mesh
             where, first, linear = placed.primitive.where, placed.first, placed.linear
             yield Piece(placed.vertices, mesh.faces, mesh.colour, where, first=first, look=mesh.look, linear=linear)
 
+    @property
+    def in_memory(self) -> bool:
+        return not any(draw.on_disk for draw in self._draws)
+
     def placed(self, time: float) -> Iterator["PlacedPrimitive"]:
         """The primitives at their nodes, in the order of `pieces`."""
-        return self._placed(time, merge_runs=False)
+        return self._placed(time, ((draw, primitive) for draw in self._draws for primitive in draw.primitives))
 
-    def _placed(self, time: float, merge_runs: bool) -> Iterator["PlacedPrimitive"]:
+    def _placed(self, time: float, primitives: Iterable[tuple[MeshNode, Primitive]]) -> Iterator["PlacedPrimitive"]:
         world, weights = self._pose(time)
-        for draw in self._draws:
-            for primitive in draw.runs if merge_runs else draw.primitives:
-                skinned = draw.skin is not None and primitive.joints is not None
-                positions = morphed(primitive, weights.get(draw.node, draw.weights))
-                at = draw.first
-                for vertices, linear in _world_batches(positions, primitive, draw, world):
-                    yield PlacedPrimitive(draw.node, primitive, world[draw.node], skinned, vertices, at, linear)
-                    at += len(vertices)
+        for draw, primitive in primitives:
+            skinned = draw.skin is not None and primitive.joints is not None
+            positions = morphed(primitive, weights.get(draw.node, draw.weights))
+            at = draw.first
+            for vertices, linear in _world_batches(positions, primitive, draw, world):
+                yield PlacedPrimitive(draw.node, primitive, world[draw.node], skinned, vertices, at, linear)
+                at += len(vertices)
 
     def instances(self) -> InstanceSet:
         world, weights = self._pose(0.0)
@@ -160,8 +192,8 @@ class GltfSource:
     def repeated_nodes(self) -> int:
         """The number of nodes with the mesh and the transform of another one, if nothing is animated."""
         world, single = self._pose(0.0)[0], [draw for draw in self._draws if draw.skin is None and draw.copies is None]
-        keys = {(id(draw.primitives), world[draw.node].tobytes()) for draw in single if draw.primitives}
-        return 0 if self._tracks else sum(bool(draw.primitives) for draw in single) - len(keys)
+        keys = {(id(draw.parts), world[draw.node].tobytes()) for draw in single if draw.parts}
+        return 0 if self._tracks else sum(bool(draw.parts) for draw in single) - len(keys)
 
     def cameras(self, time: float) -> list[Camera]:
         return self._views.cameras(self._pose(time)[0])
@@ -188,23 +220,30 @@ class GltfSource:
         return world_matrices(nodes, posed_matrices(nodes, **pose)), weights
 
 
-def read_gltf(path: Path) -> tuple[GltfSource, list[str]]:
-    """(source, notes) for a .glb or .gltf file. The notes list everything left out."""
-    document = open_gltf(path)
+def read_gltf(path: Path, animation: str | None = None, streamed: bool = False) -> tuple[GltfSource, list[str]]:
+    """(source, notes) for a .glb or .gltf file. The notes list everything left out.
+
+    animation : name of the clip that plays; None: all play at once
+    streamed : leave the faces of a large file on the disk
+    """
+    document = open_gltf(path, streamed)
     root, accessors, materials = document.root, Accessors(document), Materials(document)
     nodes = read_nodes(root)
     meshes = [_Mesh(fields, i) for i, fields in enumerate(root.objects("meshes"))]
     mesh_of_node = [f.whole("mesh", None, high=len(meshes)) for f in nodes.fields]
     draws = _mesh_nodes(document, accessors, materials, nodes, meshes, mesh_of_node)
     n_weights = [0 if m is None else meshes[m].n_targets for m in mesh_of_node]
-    tracks, notes = read_tracks(root, accessors, nodes, n_weights)
+    tracks, notes = read_tracks(root, accessors, nodes, n_weights, animation)
     views = GltfViews(root, nodes)
     _check_size(document.file, draws)
     _check_transforms(nodes, draws, tracks, views)
     source = GltfSource(document.file, *_info(meshes, mesh_of_node, nodes, draws), nodes, draws, tracks, views)
+    source.animation = animation
     repeated = source.repeated_nodes()
     if repeated:
-        notes.append(f"{document.file}: {repeated} nodes repeat another with the same mesh at the same place")
+        notes.append(
+            f"{document.file}: {counted(repeated, 'node', 'repeat')} another with the same mesh at the same place"
+        )
     return source, notes + materials.notes + views.notes + ignored_fields(root)
 
 
@@ -219,6 +258,7 @@ class _Mesh:
         if len(counts) > 1:
             raise InputError(f"{fields.where} has primitives with different numbers of morph targets")
         self.n_targets = counts.pop() if counts else 0
+        self._readers: list[PrimitiveReader] | None = None
         self._primitives: list[Primitive] | None = None
         self._skins: set[int] = set()  # indices of skins that passed `check_skin`
 
@@ -234,15 +274,24 @@ class _Mesh:
                 check_skin(primitive, skin)
             self._skins.add(index)
 
+    def readers(self, accessors: Accessors, materials: Materials) -> list[PrimitiveReader]:
+        """The primitives with triangles."""
+        if self._readers is None:
+            accessors.reserve_primitives(self.parts, self.fields.where)
+            self._readers = [
+                PrimitiveReader(part, triangles, self.name, accessors, materials, i)
+                for i, part in enumerate(self.parts)
+                if (triangles := triangles_of(part, accessors)) is not None
+            ]
+        return self._readers
+
     def primitives(self, accessors: Accessors, materials: Materials) -> list[Primitive]:
         if self._primitives is None:
-            accessors.reserve_primitives(self.parts, self.fields.where)
-            read = [read_primitive(p, self.name, accessors, materials, i) for i, p in enumerate(self.parts)]
-            self._primitives = [p for p in read if p is not None]
+            self._primitives = [reader.read() for reader in self.readers(accessors, materials)]
         return self._primitives
 
     def count(self) -> int:
-        return sum(p.triangles for p in self._primitives or ())
+        return sum(reader.triangles for reader in self._readers or ())
 
 
 def _mesh_nodes(
@@ -261,7 +310,9 @@ def _mesh_nodes(
         if mesh_index is None:
             continue
         fields, mesh = nodes.fields[node], meshes[mesh_index]
-        primitives = mesh.primitives(accessors, materials)
+        is_read = document.scratch is None
+        primitives = mesh.primitives(accessors, materials) if is_read else []
+        on_disk = [] if is_read else mesh.readers(accessors, materials)
         index = fields.whole("skin", None, high=len(skins))
         skin = None if index is None else skins[index]
         if skin is not None:
@@ -269,7 +320,7 @@ def _mesh_nodes(
         first = draws[-1].first + draws[-1].n_copies if draws else 0
         copies = _copies(fields, accessors)
         runs = mesh.runs if copies is None else primitives  # instancing orders faces by primitive, then copy
-        draws.append(MeshNode(first, node, primitives, runs, _weights(fields, mesh), skin, copies))
+        draws.append(MeshNode(first, node, primitives, runs, _weights(fields, mesh), skin, copies, on_disk))
     return draws
 
 
@@ -279,7 +330,7 @@ def _weights(node: Fields, mesh: _Mesh) -> NDArray[np.float64]:
         weights: NDArray[np.float64] | None = fields.numbers("weights", None, None)
         if weights is not None and len(weights):
             if len(weights) != mesh.n_targets:
-                raise fields.bad("weights", f"{mesh.n_targets} numbers, one for each morph target")
+                raise fields.bad("weights", f"{counted(mesh.n_targets, 'number')}, one for each morph target")
             return weights
     return np.zeros(mesh.n_targets)
 
@@ -381,9 +432,9 @@ def _object_name(names: list[_NodeName], node: int, mesh: _Mesh) -> str:
 
 
 def _check_size(file: str, draws: list[MeshNode]) -> None:
-    total = sum(p.triangles * d.n_copies for d in draws for p in d.runs)
+    total = sum(p.triangles * d.n_copies for d in draws for p in d.parts)
     if total > MAX_TRIANGLES:
-        raise InputError(f"{file}: {total} triangles with all instances; at most {MAX_TRIANGLES} fit")
+        raise InputError(f"{file}: {counted(total, 'triangle')} with all instances; at most {MAX_TRIANGLES} fit")
 
 
 def _check_transforms(nodes: Nodes, draws: list[MeshNode], tracks: list[Track], views: GltfViews) -> None:

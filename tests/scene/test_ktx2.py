@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.scene.materials import PINK, decode_image, decode_ktx2, is_ktx2
+from antumbra.scene.ktx2 import decode_ktx2, is_ktx2
+from antumbra.scene.materials import PINK, decode_image
 from gltf_files import Gltf, png
 from repository import ROOT
 from web_scene import leaf

@@ -1,0 +1,44 @@
+"""The colours of terrain in pictures, by height, as on maps: from meadows in valleys to rock and snow.
+
+A scene that is one raster of heights has no colours of its own. These are for the eye alone: `Scene.colours`, bounced
+light and bakes keep the plain colour of terrain, and so do pictures of lists of tiles, which have no heights.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .materials import srgb_to_linear
+from .scene_data import SceneData
+
+_STOPS = {
+    0.0: (0.36, 0.47, 0.27),
+    0.3: (0.57, 0.59, 0.35),
+    0.55: (0.65, 0.55, 0.38),
+    0.8: (0.49, 0.41, 0.35),
+    1.0: (0.90, 0.89, 0.87),
+}
+"""Share of the height, from the lowest to the highest point of the scene -> sRGB."""
+
+_LEVELS = 256
+
+
+def _ramp() -> NDArray[np.float32]:
+    """(256, 3) float32: linear colours of equal steps in height."""
+    shares, colours = np.linspace(0.0, 1.0, _LEVELS), np.array(list(_STOPS.values()))
+    rows = [np.interp(shares, list(_STOPS), channel) for channel in colours.T]
+    return srgb_to_linear(np.stack(rows, 1)).astype(np.float32)
+
+
+_RAMP = _ramp()
+
+
+def height_tints(scene: SceneData, points: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The linear colours of points of a scene whose `terrain` is one raster, both (..., 3) float32; recentred points.
+
+    The highest and the lowest point of the scene are the ends of the ramp. Level terrain has the colour of meadows.
+    """
+    low, high = scene.bounds[:, 2] - scene.origin[2]
+    scale = np.float32((_LEVELS - 1) / (high - low) if high > low else 0.0)
+    steps = (points[..., 2] - np.float32(low)) * scale
+    out: NDArray[np.float32] = _RAMP[np.clip(np.nan_to_num(steps), 0, _LEVELS - 1).astype(np.uint8)]
+    return out

@@ -1,0 +1,73 @@
+"""Scenes for stores: a source whose pieces are read one after the other, and never kept."""
+
+from typing import ClassVar, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.errors import one_line
+from .camera import Camera
+from .lights import Light
+from .mesh import Source
+from .open_faces import OpenFaceFinder, StreamedOpenFaces
+from .scene_bounds import FaceSample, Survey, frame_origin
+from .scene_data import SceneData
+
+
+class StreamedData(SceneData):
+    """A scene of a source, of which only the bounds are in memory.
+
+    Name, up axis, notes and pieces equal those of `MemoryData`, with faces in the same order.
+    """
+
+    resident: ClassVar[bool] = False
+
+    def __init__(self, source: Source, *, name: str, up: str, notes: tuple[str, ...] = ()):
+        self.name, self.up, self.notes = one_line(name), up, tuple(map(one_line, notes))
+        self.source, self.meshes, self.objects = source, source.meshes, source.objects
+        self.duration = float(source.duration)
+        survey, self._has_looks = Survey(source.file), False
+        self._open_faces: StreamedOpenFaces | None = StreamedOpenFaces()
+        sample = FaceSample(sum(mesh.triangles * mesh.instances for mesh in source.meshes))
+        for piece in source.pieces(0.0):
+            survey.add(piece)
+            sample.add(piece)
+            self._open_faces.count(piece)
+            self._has_looks |= piece.look is not None and not piece.look.is_plain
+        self._n_triangles, self._sample = survey.n_triangles, sample.corners
+        self.bounds, self.origin = survey.bounds(), survey.origin()
+        self.middle = frame_origin(*self.bounds)
+        self._cameras, self._lights = source.cameras(0.0), source.lights(0.0)
+
+    @property
+    def n_triangles(self) -> int:
+        return self._n_triangles
+
+    def sampled_faces(self, time: float | None = None) -> NDArray[np.float64]:
+        """(m, 3, 3) float64, world: as from `scene_bounds.sampled_faces`, at rest."""
+        return self._sample
+
+    @property
+    def has_looks(self) -> bool:
+        return self._has_looks
+
+    def open_faces(self) -> OpenFaceFinder | None:
+        return self._open_faces
+
+    def ignore_alpha(self) -> None:
+        self._open_faces = None
+
+    @property
+    def object_of_face(self) -> NoReturn:
+        """Always raises InputError."""
+        raise self.refusal()
+
+    def triangles(self, time: float = 0.0, threads: int | None = None) -> NoReturn:
+        """Always raises InputError."""
+        raise self.refusal()
+
+    def _cameras_at(self, time: float) -> list[Camera]:
+        return self.source.cameras(time)
+
+    def _lights_at(self, time: float) -> list[Light]:
+        return self.source.lights(time)
