@@ -1,6 +1,9 @@
 """Compares the plan `auto` with named plans, on cases drawn at random from a seed.
 
     python benchmarks/auto.py [--seed N] [--cases N] [--only TEXT] [--rounds N] [--threads N] [--wall] [--json FILE]
+                              [--scenes NAME ...] [--lights NAME ...] [--walk FRAMES] [--plans PLAN ...]
+
+Scenes are folders of $ANTUMBRA_SCENES, files, or such as `procedural:city?triangles=10M`.
 
 A case is a scene, a camera (inside the scene, around it, or along a wall), a light, a number of samples per receiver,
 and one of these jobs:
@@ -9,6 +12,8 @@ and one of these jobs:
 - `kept`: the shadow rays of a later frame, with a tree that is there.
 - `moving`: five frames of an animated scene.
 - `points`: random points in the bounds of a scene without a tree; `surface`: random points on its surfaces.
+- `walk`, with `--walk FRAMES` in place of the others: so many frames of a camera that moves ahead and turns, with all
+  trees and conversions. Plans get the number of frames that follow, as from `antumbra render --frames`.
 
 G-buffers, the vertices of a moment and the compilation of kernels are not timed. The clock is the time of all threads
 of the process; `--wall` uses elapsed time. The plans of a case run in random order, and the minimum of each plan's
@@ -51,6 +56,7 @@ STATIC = (
 MOVING = "synthetic_garden_foxes", "bart_robots", "swaying_city"
 JOBS = "first", "first", "first", "kept", "kept", "moving", "points", "surface"
 LIGHTS = "lamp", "lamps", "small", "point", "sphere", "sun", "sky", "near", "list"
+DAYLIGHT = "daylight"  # a `Sky`: only with --lights
 SIZES = (384, 384), (640, 360), (1024, 768)
 FIRST = (
     "lbvh+multifrusta", "lbvh+packet16", "lbvh+wide", "bsah+multifrusta", "bsah+packet16", "bsah+packet16:samples",
@@ -63,10 +69,14 @@ KEPT = (
     "bsah+reinsert+packet16", "bsah+reinsert+wide", "srdh+multifrusta", "srdh+packet16", "srdh+wide",
     "bsah+srdh-order+multifrusta", "bsah+srdh-order+packet16", "bsah+chcrt", "cones",
 )  # fmt: skip
+LISTED = "bsah+multifrusta:by-sample", "bsah+packet16:blocks", "bsah+wide:samples"  # for many samples
 REFITTED = "bsah+refit+multifrusta", "bsah+refit+packet16", "bsah+refit+wide", "grid32+bsah+refit+multifrusta"
 FRAMES, SLOW = 5, 3.0
 WARM, WARM_SECONDS = 40, 3.0  # frames and seconds before a kept frame
 HELD_OUT = "sponza_crytek", "zdm2", "godot_room", "macross_city", "delft_city", "cellar", "synthetic_garden_foxes"
+
+
+STEP, TURN = 1.0 / 300.0, np.radians(1.0)  # of a walk per frame: in radii of the scene, and about its up axis
 
 
 class Case(NamedTuple):
@@ -79,6 +89,7 @@ class Case(NamedTuple):
     spp: int
     size: tuple[int, int]  # of the picture; the number of points is the product
     seed: int
+    frames: int = FRAMES  # of a walk, or of an animated scene
 
     def __str__(self) -> str:
         size = f"{self.size[0]}x{self.size[1]}"
@@ -91,6 +102,8 @@ class Draw(NamedTuple):
     static: tuple[str, ...] = STATIC
     moving: tuple[str, ...] = MOVING
     size: tuple[int, int] | None = None  # None: one of SIZES, and 128 to 131,072 points
+    lights: tuple[str, ...] = LIGHTS
+    walk: int = 0  # frames of walks, which replace all other jobs; 0: no walks
 
 
 EVERYTHING = Draw()
@@ -100,14 +113,14 @@ def draw_cases(seed: int, count: int, draw: Draw = EVERYTHING) -> Iterator[Case]
     """The cases of a seed."""
     rng = np.random.default_rng(seed)
     for k in range(count):
-        job = JOBS[k % len(JOBS)]
+        job = "walk" if draw.walk else JOBS[k % len(JOBS)]
         scene = str(rng.choice(draw.moving if job == "moving" else draw.static))
-        camera, light = str(rng.choice(("inside", "around", "wall"))), LIGHTS[int(rng.integers(len(LIGHTS)))]
+        camera, light = str(rng.choice(("inside", "around", "wall"))), draw.lights[int(rng.integers(len(draw.lights)))]
         spp, size = int(rng.choice((1, 4, 16))), SIZES[int(rng.integers(len(SIZES)))]
         if job in ("points", "surface"):
             size = int(2 ** rng.uniform(7, 17)), 1
         size = draw.size or size
-        yield Case(scene, job, camera, light, spp, size, 1000 * seed + k)
+        yield Case(scene, job, camera, light, spp, size, 1000 * seed + k, draw.walk or FRAMES)
 
 
 # --- scenes, cameras, lights and points -------------------------------------------------------------------------------
@@ -183,6 +196,7 @@ def lights_of(case: Case, region: SamplingRegion) -> list[at.Light]:
         "list": lambda: [at.PointLights([place() for _ in range(24)], interleave=False)],
         "sun": lambda: [at.DirectionalLight(-towards)],
         "sky": lambda: [at.AmbientOcclusion()],
+        DAYLIGHT: lambda: [at.Sky()],
         "near": lambda: [at.AmbientOcclusion(radius / 15.0)],
     }[case.light]()
 
@@ -193,14 +207,15 @@ Clock = Callable[[], float]
 """Seconds."""
 
 
-def trace_frame(engine: Engine, case: Case, time: float, clock: Clock) -> tuple[float, list[np.ndarray]]:
-    """(seconds, bits) of the shadow rays of one frame."""
+def trace_frame(engine: Engine, case: Case, time: float, clock: Clock, step: int = 0) -> tuple[float, list[np.ndarray]]:
+    """(seconds, bits) of the shadow rays of one frame; `step`: frames that the camera has walked."""
     region = region_of(case.scene)
-    lights, camera = lights_of(case, region), view_of(case)
+    lights, camera = lights_of(case, region), view_of(case, step)
     samples = [light_samples(light, case.spp) for light in lights]
     tracer, pixels = engine.frame_tracer(), case.size[0] * case.size[1]
     rays = pixels * sum(map(traced_samples, lights, samples))
-    tracer.begin(FrameMemory(0, 0, 0), rays, 0, time)
+    frames = case.frames - step if case.job == "walk" else 1
+    tracer.begin(FrameMemory(0, 0, 0), rays, 0, time, frames)
     for rows in tracer.bands(camera.height):
         surfaces = tracer.surfaces(camera, rows)
         queries = surface_queries(surfaces, lights, samples, 0, engine.threads)
@@ -213,9 +228,16 @@ def trace_frame(engine: Engine, case: Case, time: float, clock: Clock) -> tuple[
 
 
 @cache
-def view_of(case: Case) -> at.Camera:
-    """`camera_of` a case."""
-    return camera_of(case, region_of(case.scene))
+def view_of(case: Case, step: int = 0) -> at.Camera:
+    """`camera_of` a case, after some frames of a walk."""
+    region = region_of(case.scene)
+    camera, up = camera_of(case, region), np.eye(3)["xyz".index(region.scene.up)]
+    for _ in range(step):
+        ahead = camera.target - camera.position
+        turned = np.cos(TURN) * ahead + np.sin(TURN) * np.cross(up, ahead) + (1.0 - np.cos(TURN)) * (up @ ahead) * up
+        position = camera.position + STEP * region.radius * ahead / np.linalg.norm(ahead)
+        camera = at.Camera(position, position + turned, camera.up, camera.vfov, *case.size)
+    return camera
 
 
 def trace_kept(engine: Engine, case: Case, clock: Clock) -> tuple[float, list[np.ndarray]]:
@@ -268,9 +290,10 @@ def run_case(case: Case, plan: str, threads: int, clock: Clock) -> tuple[float, 
         return trace_frame(engine, case, 0.0, clock)
     if case.job == "kept":
         return trace_kept(engine, case, clock)
-    if case.job == "moving":
-        times = scene.duration * np.arange(FRAMES) / FRAMES
-        frames = [trace_frame(engine, case, float(time), clock) for time in times]
+    if case.job in ("moving", "walk"):
+        times = scene.duration * np.arange(case.frames) / case.frames
+        steps = range(case.frames) if case.job == "walk" else [0] * case.frames
+        frames = [trace_frame(engine, case, float(time), clock, step) for time, step in zip(times, steps)]
         return sum(seconds for seconds, _ in frames), frames[-1][1]
     return trace_points(engine, case, clock)
 
@@ -280,10 +303,13 @@ def plans_of(case: Case) -> list[str]:
     if case.job == "moving":
         plans = [plan for plan in FIRST if "srdh" not in plan and "chcrt" not in plan]
         return [DEFAULT_PLAN, *plans, *REFITTED]
-    return [DEFAULT_PLAN, *(KEPT if case.job == "kept" else FIRST)]
+    more = LISTED if case.light in ("list", "sky", DAYLIGHT) else ()
+    if case.job == "walk":
+        return [DEFAULT_PLAN, "lbvh+packet16", "lbvh+multifrusta", *KEPT, *more]
+    return [DEFAULT_PLAN, *((*KEPT, *more) if case.job == "kept" else FIRST)]
 
 
-def measure(case: Case, threads: int, rounds: int, clock: Clock) -> dict[str, float]:
+def measure(case: Case, plans: list[str], threads: int, rounds: int, clock: Clock) -> dict[str, float]:
     """Plan -> minimum seconds of a case.
 
     Raises
@@ -294,7 +320,7 @@ def measure(case: Case, threads: int, rounds: int, clock: Clock) -> dict[str, fl
     rng, seconds_of = np.random.default_rng(0), dict[str, float]()
     _, reference = run_case(case, DEFAULT_PLAN, threads, clock)  # not counted: it reads the scene
     for _ in range(rounds):
-        for plan in rng.permutation(plans_of(case)).tolist():
+        for plan in rng.permutation(plans).tolist():
             if seconds_of.get(plan, 0.0) > SLOW * min(seconds_of.values(), default=0.0):
                 continue
             seconds, bits = run_case(case, plan, threads, clock)
@@ -312,8 +338,8 @@ Row = tuple[Case, dict[str, float]]
 def report(rows: list[Row]) -> None:
     """Print the ratios of `auto` and the best plan, for all cases and for parts of them."""
     parts: dict[str, Callable[[Case], bool]] = {"all": lambda case: True}
-    parts |= {job: lambda case, job=job: case.job == job for job in dict.fromkeys(JOBS)}
-    parts |= {light: lambda case, light=light: case.light == light for light in LIGHTS}
+    parts |= {job: lambda case, job=job: case.job == job for job in (*dict.fromkeys(JOBS), "walk")}
+    parts |= {light: lambda case, light=light: case.light == light for light in (*LIGHTS, DAYLIGHT)}
     parts["scenes not in the fit"] = lambda case: case.scene in HELD_OUT
     print("\nauto / best plan:")
     for name, belongs in parts.items():
@@ -346,13 +372,16 @@ def arguments(seed: int, cases: int) -> argparse.ArgumentParser:
     parser.add_argument("--only", default="", help="cases whose line contains this text")
     parser.add_argument("--scenes", nargs="+", help="draw from these scenes only")
     parser.add_argument("--size", type=int, nargs=2, help="of all pictures; the number of points is the product")
+    parser.add_argument("--lights", nargs="+", choices=[*LIGHTS, DAYLIGHT], default=LIGHTS, help="draw from these")
+    parser.add_argument("--walk", type=int, default=0, metavar="FRAMES", help="draw walks of so many frames")
     return parser
 
 
 def cases_of(options: argparse.Namespace) -> list[Case]:
     """The cases that the options select."""
     scenes = tuple(options.scenes or ())
-    draw = Draw(scenes or STATIC, scenes or MOVING, options.size and tuple(options.size))
+    size = options.size and tuple(options.size)
+    draw = Draw(scenes or STATIC, scenes or MOVING, size, tuple(options.lights), options.walk)
     return [case for case in draw_cases(options.seed, options.cases, draw) if options.only in str(case)]
 
 
@@ -361,16 +390,18 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=2)
     parser.add_argument("--threads", type=int, default=thread_count(None))
     parser.add_argument("--wall", action="store_true", help="measure elapsed time")
+    parser.add_argument("--plans", nargs="+", help="compare with these only")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     clock = perf_counter if options.wall else process_time
     cases = cases_of(options)
-    for plan in dict.fromkeys(plan for case in cases for plan in plans_of(case)):
+    plans = {case: [DEFAULT_PLAN, *options.plans] if options.plans else plans_of(case) for case in cases}
+    for plan in dict.fromkeys(plan for of_case in plans.values() for plan in of_case):
         precompile_plan(parse_plan(plan), "raster")
     rows = list[Row]()
     for case in cases:
         try:
-            seconds = measure(case, options.threads, options.rounds, clock)
+            seconds = measure(case, plans[case], options.threads, options.rounds, clock)
         except at.InputError as error:
             print(f"skipped: {case}: {error}", file=sys.stderr)
             continue

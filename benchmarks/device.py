@@ -1,7 +1,9 @@
-"""Rays and soft shadows on a device beside the CPU, with the bits of both compared first.
+"""Rays, soft shadows and builds on a device beside the CPU, with the bits of both compared first.
 
-    python benchmarks/device.py --device cuda|opencl|host [scene ...] [--rays N] [--size W H] [--spp N] [--threads N]
-        [--rounds N] [--json FILE|auto]
+    python benchmarks/device.py --device cuda|opencl|host [scene ...] [--part rays|build ...] [--rays N]
+        [--triangles N ...] [--size W H] [--spp N] [--threads N] [--rounds N] [--json FILE|auto]
+
+The part `build` is described in device_build.py. The part `rays` follows.
 
 A scene is sponza_crytek, sanmiguel_lite, bart_robots ($ANTUMBRA_SCENES), forest (procedural), or a file that
 `antumbra.load` reads. Without scenes, all of these that are there.
@@ -40,6 +42,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import antumbra
+import device_build
 from antumbra.base.errors import InputError
 from antumbra.devices.arrays import DeviceArray
 from antumbra.devices.device import Device
@@ -147,6 +150,13 @@ def line(each: dict[str, Any]) -> str:
     ms = statistics.median(each["seconds"]) * 1e3
     head = f"{each['case']:9s} {each['method']:20s} {each['mrays']:9.2f} {ms:9.2f} {each['differs']:8d}"
     return f"{head} {left[0]:>10s} {left[1]:>8s}"
+
+
+def step_line(each: dict[str, Any]) -> str:
+    """A step of a build as a line: kernel, launches, time and the rate of its memory."""
+    seconds = each["seconds"][0]
+    rate = each["bytes"] / max(seconds, 1e-9) / 1e9
+    return f"  {each['kernel']:16s} {each['launches']:4d} launches {seconds * 1e3:9.3f} ms {rate:9.2f} GB/s"
 
 
 # --- Cases ------------------------------------------------------------------------------------------------------------
@@ -257,6 +267,20 @@ def measure(view: View, options: argparse.Namespace) -> Iterator[dict[str, Any]]
     yield from soft_rows({**about, "case": "soft"}, ours, query)
 
 
+def all_rows(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
+    """Rows of all parts that were asked for."""
+    chosen = options.part or ["build", "rays"]
+    if "build" in chosen:
+        tracer = device_tracer(str(parse_plan(f"bsah+device:{options.device}").device))
+        how = device_build.Timings(timed, row, options.rounds, thread_count(options.threads))
+        for n in options.triangles:
+            print(f"\n{n} triangles\n{HEAD.replace('Mrays', '    M')}")
+            yield from device_build.rows(tracer, n, options, how)
+    if "rays" in chosen:
+        for view in views(options.scene, options.size):
+            yield from measure(view, options)
+
+
 def file_of(device: Device) -> Path:
     """The file of results for a card."""
     words = re.sub(r"[^a-z0-9]+", "-", device.model.lower()).strip("-")
@@ -267,7 +291,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scene", nargs="*", help=f"{', '.join(VIEWS)}, or files; default: all of these")
     parser.add_argument("--device", required=True, help="cuda, cuda:1, opencl or host")
+    parser.add_argument("--part", action="append", choices=["rays", "build"], help="default: both")
     parser.add_argument("--rays", type=int, default=1 << 23)
+    parser.add_argument("--triangles", type=int, nargs="+", default=[10**6, 10**7], help="of builds")
     parser.add_argument("--size", type=int, nargs=2, default=(1024, 1024), metavar=("W", "H"))
     parser.add_argument("--spp", type=int, default=16)
     parser.add_argument("--threads", type=int, help="of the CPU; default: all cores")
@@ -279,13 +305,12 @@ def main() -> None:
     about = {**machine(thread_count(options.threads)), "device": device.model, "driver": device.driver}
     print(", ".join(f"{name} {value}" for name, value in about.items()), flush=True)
     rows: list[dict[str, Any]] = []
-    for view in views(options.scene, options.size):
-        for each in measure(view, options):
-            rows.append(each)
-            print(line(each), flush=True)
-            if path is not None:  # after each row, because time on a card is short
-                path.write_text(json.dumps({"machine": about, "rows": rows}, indent=1))
-    if wrong := [each for each in rows if each["method"] != "warp" and each["differs"]]:
+    for each in all_rows(options):
+        rows.append(each)
+        print(line(each) if "method" in each else step_line(each), flush=True)
+        if path is not None:  # after each row, because time on a card is short
+            path.write_text(json.dumps({"machine": about, "rows": rows}, indent=1))
+    if wrong := [each for each in rows if each.get("differs") and each["method"] != "warp"]:
         sys.exit(f"answers differ from the CPU's: {wrong}")
 
 

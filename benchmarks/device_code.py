@@ -17,6 +17,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from antumbra.kernels.toolchain.device_code import DeviceKernel
+from antumbra.techniques.culling import device_culling  # noqa: F401, it adds kernels
 from antumbra.trace.device.device_kernels import KERNELS
 from common import machine
 

@@ -56,7 +56,8 @@ def draw(rows: list[dict], about: dict, output: Path) -> None:
         axes.bar_label(bars, [f"{height:.1f}" if height else "" for height in heights], fontsize=7, padding=1)
     axes.set_xticks(range(len(cases)), [name for name, _ in cases], fontsize=8)
     axes.set_ylabel("million shadow rays per second", fontsize=8)
-    axes.set_title(f"Soft shadows, {' and '.join(map(str, sorted(threads)))} thread(s): more is better", fontsize=10)
+    count = f"{' and '.join(map(str, sorted(threads)))} thread{'' if threads == {1} else 's'}"
+    axes.set_title(f"Soft shadows, {count}: more is better", fontsize=10)
     axes.legend(fontsize=8, frameon=False, ncols=len(families))
     axes.spines[["top", "right"]].set_visible(False)
     axes.set_ylim(top=1.18 * max(max(case.values()) for case in cases.values()))

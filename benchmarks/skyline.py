@@ -104,7 +104,7 @@ def main() -> None:
     by_rays(scene, some[:1], azimuth[:8], threads)  # compiles, and builds the tree
     for _ in range(options.rounds):
         start = time.perf_counter()
-        found = at.skyline(scene, eyes, step=options.step, north=0.0, threads=threads)
+        found = at.skyline(scene, eyes, azimuth_step=options.step, north=0.0, threads=threads)
         seconds["skyline"].append((time.perf_counter() - start) / len(eyes))
         start = time.perf_counter()
         by_search = by_rays(scene, some, azimuth, threads)

@@ -4,38 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from antumbra.bvh.block_tree import BLOCK, block_tree
+from antumbra.bvh.block_tree import block_tree
 from antumbra.engine.method_registry import BUILDERS
+from block_trees import slots_in_blocks
 from strategies import soups
 from strength import examples
-
-
-def _check(vertices, tree):
-    """Walk the tree and check the boxes of blocks and nodes; return the slots found."""
-    corners = vertices.reshape(-1, 9)
-    found, waiting = [], [(0, np.full(3, -np.inf), np.full(3, np.inf))]
-    while waiting:
-        node, lower, upper = waiting.pop()
-        for child in (0, 1):
-            low = np.maximum(lower, tree.nodes[node, [child, 4 + child, 8 + child]])
-            high = np.minimum(upper, tree.nodes[node, [2 + child, 6 + child, 10 + child]])
-            link = int(tree.links[node, 12 + child])
-            if link >= 0:
-                waiting.append((link, low, high))
-                continue
-            block, count = ~link >> 5, ~link & 31
-            assert count <= BLOCK
-            slots = tree.slots[block]
-            assert (slots[:count] >= 0).all() and (slots[count:] == -1).all()
-            found.extend(slots[:count])
-            points = corners[tree.prim_ids[slots[:count]]].reshape(-1, 3)
-            assert (points >= low).all() and (points <= high).all()
-            middle, half = tree.bounds[block, :3].astype(float), tree.bounds[block, 4:7].astype(float)
-            assert (np.abs(points.astype(float) - middle) <= half).all()
-            for lane in range(count):
-                v0, v1, v2 = corners[tree.prim_ids[slots[lane]]].reshape(3, 3)
-                np.testing.assert_array_equal(tree.blocks[block, :, lane], np.concatenate([v0, v1 - v0, v2 - v0]))
-    return found
 
 
 @given(soups())
@@ -44,7 +17,7 @@ def test_every_triangle_is_in_one_block(soup):
     vertices = soup.astype(np.float32).reshape(-1, 3, 3)
     for builder in BUILDERS.values():
         tree = block_tree(builder.build(vertices), 2)
-        assert sorted(_check(vertices, tree)) == list(range(len(vertices)))
+        assert sorted(slots_in_blocks(vertices, tree)) == list(range(len(vertices)))
 
 
 @pytest.mark.parametrize("n", [0, 1, 2, 16, 17, 5000])
@@ -52,7 +25,7 @@ def test_few_and_many_triangles(n):
     rng = np.random.default_rng(n)
     vertices = (rng.normal(size=(n, 1, 3)) + 0.05 * rng.normal(size=(n, 3, 3))).astype(np.float32)
     tree = block_tree(BUILDERS["bsah"].build(vertices))
-    assert sorted(_check(vertices, tree)) == list(range(n))
+    assert sorted(slots_in_blocks(vertices, tree)) == list(range(n))
     assert len(tree.blocks) <= max(2, n) and np.isfinite(tree.nodes[:, :12]).all()
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.engine import auto_accelerator, calibration
+from antumbra.engine import accelerator, auto_accelerator, calibration, tree_choice
 from antumbra.engine.auto import cost_model
 from antumbra.engine.auto.cost_model import BEST, GOOD, GUIDED, QUICK
 from antumbra.engine.auto.strategies import sampled_candidates
@@ -219,6 +219,43 @@ def test_a_first_frame_is_culled_and_later_ones_keep_a_tree_of_everything(scene,
         np.testing.assert_array_equal(frame.image, named.image)
 
 
+def test_an_expected_sequence_keeps_the_tree_of_its_first_frame(scene, monkeypatch):
+    _builds(monkeypatch, 1e5)
+    monkeypatch.setattr(cost_model, "form_seconds", lambda strategy, triangles: 1e-6 * triangles)
+    _cheap_culling(monkeypatch)
+    monkeypatch.setattr(auto_accelerator, "is_compiled", lambda job: True)
+    built, build = [], tree_choice.new_tree
+    for module in (accelerator, tree_choice):
+        monkeypatch.setattr(module, "new_tree", lambda *arguments: built.append(1) or build(*arguments))
+    renderer, (camera, light) = Renderer(scene), corner(scene)
+    named = at.render(scene, camera, [light], plan="bsah+single", background=False)
+    built.clear()
+    renderer.expect(2)
+    frames = [renderer.render(camera, [light], background=False) for _ in range(3)]
+    assert len(built) == 1 and not any("grid32" in frame.plan for frame in frames)
+    assert all(np.array_equal(frame.image, named.image) for frame in frames)
+    _cones_take(monkeypatch, 0.0)
+    assert Renderer(scene).render(camera, [light]).tree.tree == ""
+    renderer = Renderer(scene)
+    renderer.expect(2)
+    assert renderer.render(camera, [light]).tree.tree == QUICK
+
+
+def test_all_expected_frames_pay_for_the_tree_of_the_first(scene, monkeypatch):
+    monkeypatch.setattr(auto_accelerator, "is_compiled", lambda job: False)
+    camera, light = corner(scene)
+    alone = auto_accelerator.forecast_of
+    forecasts = []
+    monkeypatch.setattr(auto_accelerator, "forecast_of", lambda *seen: forecasts.append(alone(*seen)) or forecasts[-1])
+    Renderer(scene).render(camera, [light])
+    _builds(monkeypatch, 50.0 * forecasts[0].lost)
+    assert forecasts[0].lost > 0.0
+    for frames, builder in ((1, QUICK), (10, QUICK), (1000, GOOD)):
+        renderer = Renderer(scene)
+        renderer.expect(frames)
+        assert renderer.render(camera, [light]).tree.tree == builder
+
+
 def test_culling_is_abandoned_if_nearly_everything_remains(scene, monkeypatch):
     monkeypatch.setattr(auto_accelerator, "mark_seconds", lambda receivers, lights: 0.0)
     monkeypatch.setattr(auto_accelerator, "select_seconds", lambda triangles: 5e-5)
@@ -365,9 +402,12 @@ def test_queries_are_not_kept_between_calls(monkeypatch):
     assert origins() is None and _chosen(scene).builder == GUIDED
 
 
-def test_cones_are_not_chosen_for_long_queries_where_a_sample_has_many_candidates(scene, monkeypatch):
+@pytest.mark.parametrize("seconds, triangles, counted", [(0.0, 0, True), (1e9, 0, False), (0.0, 1 << 30, False)])
+def test_cones_are_not_chosen_where_a_sample_has_many_candidates(scene, monkeypatch, seconds, triangles, counted):
+    """They are counted only for long queries and many triangles."""
     monkeypatch.setattr(auto_accelerator, "is_compiled", lambda job: True)
-    monkeypatch.setattr(auto_accelerator, "_WORTH_SAMPLING", 0.0)
+    monkeypatch.setattr(auto_accelerator, "_WORTH_SAMPLING", seconds)
+    monkeypatch.setattr(auto_accelerator, "_FEW_TRIANGLES", triangles)
     light, camera = at.PointLight((0.5, 1.5, 0.2)), corner(scene)[0]
     named = at.render(scene, camera, [light], plan="bsah+single")
     plans = []
@@ -378,7 +418,7 @@ def test_cones_are_not_chosen_for_long_queries_where_a_sample_has_many_candidate
         frame = at.render(scene, camera, [light])
         plans.append(frame.plan)
         np.testing.assert_array_equal(frame.bits[0], named.bits[0])
-    assert plans[0] == "cones" and "cones" not in plans[1]
+    assert plans[0] == "cones" and ("cones" in plans[1]) == (not counted)
 
 
 @pytest.mark.parametrize("height", [1.5, -50.0])

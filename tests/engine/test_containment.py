@@ -8,6 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import antumbra as at
+from antumbra.engine import containment
+from antumbra.query.ray_list import RayArguments
 
 FACES = np.array([[0, 1, 2], [0, 3, 1], [1, 3, 2], [0, 2, 3]])
 UNIT_BOX = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
@@ -155,3 +157,33 @@ def test_instances_contain_the_points_of_the_flattened_scene(meshes, places):
     assert flat[in_box(points, (0, 0, 0), (1, 1, 0.4))].all() and flat[in_box(points, (4, 0, 0), (5, 1, 0.4))].all()
     assert scenes[0].notes == scenes[1].notes
     assert bool(scenes[0].notes) == (len(meshes[0]) == len(WITHOUT_TOP))
+
+
+def _all_votes(bodies, points, threads=1):
+    """The majority of all 14 rays, without an early end."""
+    odd = np.zeros(len(points), int)
+    for along in np.concatenate([containment._AXES, containment._DIAGONALS]):
+        rays = RayArguments(points, along, 0.0, np.inf, -1.0, (len(points),), 0, False, (0.0, 0.0, 0.0), 0.0)
+        odd_now = bodies.crossings(rays, threads) % 2
+        odd += odd_now
+        if along.tolist() == [0.0, 0.0, -1.0]:  # the last axis
+            agree = (odd == 6) | (odd == 0)
+            inside = odd == 6
+    return np.where(agree, inside, 2 * odd > 14)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_rays_that_cannot_decide_are_left_out_and_change_no_answer(seed, monkeypatch):
+    rng = np.random.default_rng(seed)
+    bodies = [BOX * rng.uniform(0.5, 2, 3) + rng.uniform(-1, 1, 3) for _ in range(4)]
+    scene = at.Scene.from_arrays(np.concatenate([body[rng.random(12) > 0.15] for body in bodies]))
+    points = rng.uniform(*scene.bounds, (3000, 3)).astype(np.float32)
+    inside, traced = scene.contains(points), []
+    found = scene.engine.source.ray_lists.bodies(0.0)
+    frame = (points - scene.origin).astype(np.float32)
+    assert (inside == _all_votes(found, frame)).all() and 0.05 < inside.mean() < 0.95
+    counted = found._replace(crossings=lambda rays, n: (traced.append(rays.n), found.crossings(rays, n))[1])
+    monkeypatch.setattr(scene.engine.source.ray_lists, "_bodies", (scene.triangles(0.0), counted))
+    assert (scene.contains(points) == inside).all()
+    assert sum(traced) < 10 * len(points)  # of 14
+    assert all((scene.contains(points[k : k + 10]) == inside[k : k + 10]).all() for k in range(0, 300, 10))

@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 
 import antumbra as at
+import moving_square
 from antumbra.base.errors import InputError
+from antumbra.devices.device import OutOfDeviceMemory
 from antumbra.devices.device_list import default_device, using_device
 from antumbra.engine.device_plans import cpu_plan, plan_on
 from antumbra.engine.engine import Engine, chosen_plan, default_plan_of
 from antumbra.engine.plan import parse_plan
 from antumbra.trace.device import device_tracer as device_tracer_module
-from antumbra.trace.device.device_tree import DeviceTree
+from antumbra.trace.device.device_tree import UploadedTree
+from antumbra.trace.device.tree_build import BuiltTree
 from devices import device_plans
 from instance_scenes import whole_scenes
 from truths import soup_scene
@@ -84,7 +87,7 @@ def test_an_engine_on_a_device_is_pickled_by_its_name(plan):
     origins, targets = np.random.default_rng(1).uniform(-3, 3, (2, 50, 3))
     np.testing.assert_array_equal(copy.occluded(origins, targets=targets), engine.occluded(origins, targets=targets))
     frame = at.render(soup_scene(3), camera, light, spp=4, device=plan.split("device:")[1])
-    assert frame.plan == plan
+    assert frame.plan == plan.replace("lbvh", "bsah")  # the default for a scene that does not move
     np.testing.assert_array_equal(frame.bits[0], at.render(soup_scene(3), camera, light, spp=4).bits[0])
 
 
@@ -92,15 +95,106 @@ def test_frames_keep_the_tree_on_the_device(monkeypatch):
     trees = []
 
     def counted(bvh, launches):
-        trees.append(DeviceTree(bvh, launches))
+        trees.append(UploadedTree(bvh, launches))
         return trees[-1]
 
-    monkeypatch.setattr(device_tracer_module, "DeviceTree", counted)
+    monkeypatch.setattr(device_tracer_module, "UploadedTree", counted)
     renderer = at.Renderer(soup_scene(3), device="host")
     camera = at.Camera((0, 2, 9), (0, -0.5, 0), width=8, height=6)
     light = at.QuadLight((-1, 6, -1), (2, 0, 0), (0, 0, 2))
     frames = [renderer.render(camera, light, spp=4).bits[0] for _ in range(3)]
     assert len(trees) == 1 and all(np.array_equal(frames[0], bits) for bits in frames)
+
+
+LOOK = at.Camera((0, 2, 9), (0, -0.5, 0), width=16, height=12), at.QuadLight((-1, 6, -1), (2, 0, 0), (0, 0, 2))
+
+
+def test_an_animation_is_rendered_in_trees_that_the_device_builds(tmp_path, monkeypatch):
+    scene = at.load(moving_square.write(tmp_path / "square"))
+    camera, light = at.Camera((0, 4, 5), (0, 0, 0), width=24, height=16), at.PointLight((0, 5, 0))
+    renderer, on_cpu, frames = at.Renderer(scene, device="host"), at.Renderer(scene, plan="lbvh+multifrusta"), []
+    for time in (0.0, 1.5, 3.0):
+        frames.append(renderer.render(camera, light, time=time))
+        assert frames[-1].plan == "lbvh+device:host:0"
+        np.testing.assert_array_equal(frames[-1].bits[0], on_cpu.render(camera, light, time=time).bits[0])
+    assert not np.array_equal(frames[0].bits[0], frames[1].bits[0])
+
+
+@pytest.fixture
+def builds(monkeypatch):
+    """The numbers of triangles of the trees that devices have built."""
+    found, build = [], device_tracer_module.DeviceTracer.build
+
+    def counted(tracer, vertices, faces=None):
+        found.append(len(vertices if faces is None else faces))
+        return build(tracer, vertices, faces)
+
+    monkeypatch.setattr(device_tracer_module.DeviceTracer, "build", counted)
+    return found
+
+
+BUILT = pytest.mark.parametrize("plan", device_plans(text=True)[2:])
+
+
+@BUILT
+def test_frames_of_an_animation_refit_the_tree_on_the_device(plan, builds, tmp_path):
+    scene, camera = (
+        at.load(moving_square.write(tmp_path / "square")),
+        at.Camera((0, 4, 5), (0, 0, 0), width=24, height=16),
+    )
+    on_device, on_cpu = (at.Renderer(scene, plan=each) for each in (plan, "lbvh+single"))
+    for time in 0.0, 0.1, 3.0:
+        frames = [each.render(camera, at.PointLight((0, 5, 0)), time=time) for each in (on_device, on_cpu)]
+        np.testing.assert_array_equal(frames[0].bits[0], frames[1].bits[0])
+        assert len(builds) == 1 and frames[0].plan == plan
+
+
+@BUILT
+@pytest.mark.parametrize("fits", [True, False])
+def test_an_update_refits_the_tree_of_frames_and_points_if_there_is_room(plan, fits, builds, monkeypatch):
+    def refuse(tree, vertices):
+        raise OutOfDeviceMemory("full", 1, 0)
+
+    if not fits:
+        monkeypatch.setattr(BuiltTree, "refitted", refuse)
+    rng = np.random.default_rng(4)
+    vertices = soup_scene(3).triangles().vertices + rng.normal(0, 1e-3, (3, 3))
+    scene = at.Scene.from_arrays(vertices)
+    receivers = at.Receivers.in_space(rng.random((40, 3)), scene.origin)
+    on_device, on_cpu = at.Renderer(scene, plan=plan), at.Renderer(scene, plan="lbvh+single")
+    for moment in range(3):
+        frames = [each.render(*LOOK, spp=4).bits[0] for each in (on_device, on_cpu)]
+        np.testing.assert_array_equal(*frames)
+        bits = [each.engine.visibility(receivers, LOOK[1], spp=4).bits for each in (on_device, on_cpu)]
+        np.testing.assert_array_equal(*bits)
+        scene.update(vertices + 1e-3 * moment)
+    assert len(builds) == (1 if fits else 3)
+
+
+@pytest.mark.parametrize("order", [("lbvh+device:host:0", "lbvh+single"), ("lbvh+single", "lbvh+device:host:0")])
+def test_plans_of_one_builder_answer_alike_wherever_it_ran_first(order):
+    engine = Engine(soup_scene(3), order[0])
+    receivers = at.Receivers.in_space(np.random.default_rng(4).random((40, 3)), engine.data.origin)
+    engines = engine, engine.with_options(order[1], None, None)
+    bits = [each.visibility(receivers, LOOK[1], spp=4).bits for each in engines]
+    np.testing.assert_array_equal(*bits)
+
+
+@pytest.mark.parametrize(
+    "plan", ["grid32+lbvh+device:host:0", "lbvh+reinsert+device:host:0", "lbvh+refit+device:host:0"]
+)
+def test_a_device_builds_what_culling_leaves_and_takes_trees_that_the_cpu_improves(plan):
+    frame, expected = (at.render(soup_scene(3), *LOOK, spp=4, plan=each) for each in (plan, "bsah+single"))
+    assert frame.plan == plan
+    np.testing.assert_array_equal(frame.bits[0], expected.bits[0])
+
+
+def test_camera_rays_have_a_tree_of_their_own_beside_one_of_the_device():
+    frames = [
+        at.Renderer(soup_scene(3), plan=plan, gbuffer="rays").render(*LOOK, spp=4)
+        for plan in ("lbvh+device:host:0", "bsah+single")
+    ]
+    np.testing.assert_array_equal(frames[0].bits[0], frames[1].bits[0])
 
 
 def test_stores_keep_their_plan_for_the_cpu(monkeypatch, tmp_path):

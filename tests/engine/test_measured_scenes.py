@@ -22,7 +22,7 @@ JOBS = {
     "sun_hours": lambda scene: at.sun_hours(scene, "face", "2026-06-21", place=PLACE),
     "sky_view": lambda scene: at.sky_view(scene, "face", directions=16),
     "shadow": lambda scene: at.shadow(scene, at="2026-06-21T12:00", place=PLACE),
-    "skyline": lambda scene: at.skyline(scene, eye(scene), north=0.0, step=90.0),
+    "skyline": lambda scene: at.skyline(scene, eye(scene), north=0.0, azimuth_step=90.0),
     "viewshed": lambda scene: at.viewshed(scene, "face", eye(scene)),
     "visibility_matrix": lambda scene: at.visibility_matrix(scene, "face"),
     "visible_share": lambda scene: at.visible_share(scene, "face", eye(scene)),
@@ -201,7 +201,7 @@ def in_mercator(folder):
 COMMANDS = {
     "sun": ["--days", "2026-06-21", "-o", "out.csv"],
     "shadow": ["--at", "2026-06-21T12:00", "-o", "out.gpkg"],
-    "skyline": ["--at", "485000,6800000,40", "-o", "out.csv"],
+    "skyline": ["--point", "485000,6800000,40", "-o", "out.csv"],
     "viewshed": ["--observer", "485000,6800000,40", "-o", "out.csv"],
     "los": ["--from", "485000,6800000,40", "--to", "485001,6800000,40", "-o", "out.csv"],
     "matrix": ["-o", "out.npy"],

@@ -126,7 +126,7 @@ def test_a_memory_starts_frames_and_notes_new_triangles(asked):
     assert not memory.moved(triangles) and not memory.moved(triangles) and memory.moved(triangles._replace())
     memory.patience = 1
     memory.begin(ExpectedRays(5, 7))
-    assert memory.expected == (5, 7) and memory.patience == 0
+    assert memory.expected == (5, 7, 1) and memory.patience == 0
 
 
 def test_a_refitted_tree_keeps_its_builder_over_a_culled_frame(costs, monkeypatch, tmp_path):

@@ -8,6 +8,7 @@
 - `top_down`: subtrees built by one thread each, and optimal trees over up to four records
 - `binned_sah`: the builder `bsah`
 - `lbvh`: the builders `lbvh` and `lbvh63`, by Morton codes
+- `ploc`: the builder `ploc`, by locally-ordered clustering
 - `reinsertion`: the optimiser `reinsert`
 - `refit`: the previous frame's tree, refitted to moved triangles or filtered to a subset
 - `tree_layout`: depth-first relayout, and the frontier that cuts a tree into parts

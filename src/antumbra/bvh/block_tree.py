@@ -154,6 +154,19 @@ def _bound_block(corners, block_slots, n, bounds, block):
         bounds[block, k], bounds[block, 4 + k] = middle_and_half(low, high)
 
 
+@inlined
+def put_triangle(rows, block, lane, corners, slot, exists):
+    """Write the triangle in a slot to a lane of a block, or zeros."""
+    at = np.int64(slot) * 9
+    for k in range(3):
+        v0 = get(corners, at + k) if exists else np.float32(0.0)
+        v1 = get(corners, at + 3 + k) if exists else np.float32(0.0)
+        v2 = get(corners, at + 6 + k) if exists else np.float32(0.0)
+        put(rows, row_at(block, k) + lane, v0)
+        put(rows, row_at(block, 3 + k) + lane, v1 - v0)
+        put(rows, row_at(block, 6 + k) + lane, v2 - v0)
+
+
 @kernel
 def _fill_blocks(ticket, source_links, corners, roots, blocks, bounds, slots, areas):
     """Worker: write the rows, the bounds and the triangles' total area of each block."""
@@ -167,15 +180,9 @@ def _fill_blocks(ticket, source_links, corners, roots, blocks, bounds, slots, ar
             areas[block] += triangle_area(values, get(block_slots, i))
         for lane in range(16):
             is_used = lane < n
-            slot = get(block_slots, lane if is_used else 0) * 9 if n > 0 else 0
-            put(ptr(slots), slot_at(block, lane), get(block_slots, lane) if is_used else np.int32(-1))
-            for k in range(3):
-                v0 = get(values, slot + k) if n > 0 else np.float32(0.0)
-                v1 = get(values, slot + 3 + k) if n > 0 else np.float32(0.0)
-                v2 = get(values, slot + 6 + k) if n > 0 else np.float32(0.0)
-                put(rows, row_at(block, k) + lane, v0)
-                put(rows, row_at(block, 3 + k) + lane, v1 - v0)
-                put(rows, row_at(block, 6 + k) + lane, v2 - v0)
+            slot = get(block_slots, lane if is_used else 0) if n > 0 else np.int32(0)
+            put(ptr(slots), slot_at(block, lane), slot if is_used else np.int32(-1))
+            put_triangle(rows, block, lane, values, slot, n > 0)
 
 
 def block_tree(bvh: Bvh, threads: int | None = None, block: int = BLOCK) -> BlockTree:

@@ -18,11 +18,14 @@ A child's cost is the expected number of traversal steps in it. Only rays that p
 after it.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ..kernels.elementary import exp
 from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import items, new_ticket, run_short
 from ..kernels.simd import get, ptr, put, stack_array
 from .nodes import (
     EMPTY,
@@ -216,13 +219,24 @@ def _arrange(words, at, lanes, n, copy):
             put(words, at + row + k, copy[k])
 
 
+class WideParts(NamedTuple):
+    """The parts of a `WideBvh` that threads may order by themselves. Nodes before `first` lie above all subtrees."""
+
+    first: int  # the root of the first subtree; those of others follow
+    starts: NDArray[np.int64]  # (s + 1,) int64: first of the other nodes of each subtree, and their end
+
+
 @kernel
-def _sort_by_cost(nodes, links, areas, blocked, cost):
-    """`order_wide_children`; `blocked` and `cost` are scratch memory, as in `_order_by_cost`."""
+def _sort_by_cost(nodes, links, areas, blocked, cost, first, end):
+    """Sort the children of the nodes from `end` - 1 back to `first`, whose inner children are sorted.
+
+    nodes, links, areas : as for `order_wide_children`
+    blocked, cost : of each node, as in `_order_by_cost`
+    """
     words, lanes, copy = ptr(nodes), stack_array(np.int64, WIDTH), stack_array(np.float32, WIDTH)
     enter, block = stack_array(np.float64, WIDTH), stack_array(np.float64, WIDTH)  # of the children
     price = stack_array(np.float64, WIDTH)
-    for node in range(len(nodes) - 1, -1, -1):  # children follow their parents
+    for node in range(end - 1, first - 1, -1):  # children follow their parents
         at, n = node * NODE_WORDS, 0
         while n < WIDTH and links[node, LINKS + n] != NO_CHILD:
             n += 1
@@ -245,9 +259,21 @@ def _sort_by_cost(nodes, links, areas, blocked, cost):
         _arrange(words, at, lanes, n, copy)
 
 
-def order_wide_children(nodes: NDArray[np.float32], areas: NDArray[np.float64]) -> None:
+@kernel
+def _sort_subtrees(ticket, nodes, links, areas, blocked, cost, parts):
+    """Worker: `_sort_by_cost` for each subtree, its root last."""
+    # In: nodes, links, areas, blocked and cost as for `_sort_by_cost`; parts, `WideParts`
+    for k in items(ticket):
+        root = parts.first + k
+        _sort_by_cost(nodes, links, areas, blocked, cost, parts.starts[k], parts.starts[k + 1])
+        _sort_by_cost(nodes, links, areas, blocked, cost, root, root + 1)
+
+
+def order_wide_children(nodes: NDArray[np.float32], areas: NDArray[np.float64], parts: WideParts, threads: int) -> None:
     """Sort the children of every node of a `WideBvh` by their chance to block a ray for its cost, best last.
 
     areas : (n_groups,) total area of each group's triangles
     """
-    _sort_by_cost(nodes, nodes.view(np.int32), areas, *np.empty((2, len(nodes))))
+    arrays = nodes, nodes.view(np.int32), areas, *np.empty((2, len(nodes)))
+    run_short(_sort_subtrees, threads, new_ticket(len(parts.starts) - 1, 1), *arrays, parts)
+    _sort_by_cost(*arrays, 0, parts.first)

@@ -84,9 +84,9 @@ def _level(codes, i, k, drop):
 
 
 @kernel
-def _split_position(codes, first, last, drop):
+def split_position(codes, first, last, drop):  # codes: pointer
     """The first slot of the right child of a range."""
-    differing = (np.int64(codes[first]) ^ np.int64(codes[last - 1])) >> drop
+    differing = np.int64(get(codes, first) ^ get(codes, last - 1)) >> drop
     if differing == 0:
         bit = highest_bit(first ^ (last - 1))
         return (last - 1) >> bit << bit
@@ -94,7 +94,7 @@ def _split_position(codes, first, last, drop):
     low, high = first, last - 1  # the bit is clear in `low`, set in `high`
     while high - low > 1:
         middle = (low + high) >> 1
-        if (np.int64(codes[middle]) >> bit) & 1:
+        if (np.int64(get(codes, middle)) >> bit) & 1:
             high = middle
         else:
             low = middle
@@ -117,7 +117,7 @@ def _cut_top(codes, drop, largest, children, ranges):
             ranges[s, 0], ranges[s, 1] = first, last
             s += 1
             continue
-        middle = _split_position(codes, first, last, drop)
+        middle = split_position(ptr(codes), first, last, drop)
         stack[height] = middle, last, t, 1
         stack[height + 1] = first, middle, t, 0
         height += 2
@@ -284,12 +284,18 @@ def build(vertices: NDArray[np.float32], threads: int | None = None, max_leaf: i
     return bvh
 
 
-def sort_by_codes(flat: NDArray[np.float32], bits: int, threads: int) -> tuple[NDArray[Codes], NDArray[np.int32]]:
-    """(codes, ids), (n,) each: the triangles `flat`, (n, 9) float32, sorted by codes of `bits` bits per axis."""
+def sort_by_codes(
+    flat: NDArray[np.float32], bits: int, threads: int, centroids: NDArray[np.float32] | None = None
+) -> tuple[NDArray[Codes], NDArray[np.int32]]:
+    """(codes, ids), (n,) each: the triangles `flat`, (n, 9) float32, sorted by codes of `bits` bits per axis.
+
+    centroids : their centroid box, if it is known
+    """
     n = len(flat)
     codes: NDArray[Codes] = np.empty(n, np.int32 if bits == 10 else np.int64)
     ids = np.empty(n, np.int32)
-    centroids = scene_bounds(flat, threads)[1]
+    if centroids is None:
+        centroids = scene_bounds(flat, threads)[1]
     run_short(write_codes, threads, new_ticket(n, TRIANGLES_PER_SHARE), flat, grid_of(centroids, bits), codes, ids)
     return radix_sort(codes, ids, 3 * bits, threads)
 

@@ -62,14 +62,20 @@ def _code(cells, last):
     return code
 
 
+@inlined
+def code_of_triangle(vertices, i, origin, factor, last):
+    """The code of triangle `i` in the grid of these numbers; `origin` is a vector."""
+    cells = to_i32((double_centroid_of(vertices, i) - origin) * factor)
+    return _code(minimum(maximum(cells, np.int32(0)), last), last)
+
+
 @kernel
 def write_codes(ticket, vertices, grid, codes, ids):
     """Worker: write the code and the index of each triangle."""
     v, out, out_ids = ptr(vertices), ptr(codes), ptr(ids)
     origin, factor, last = load4(grid.origin, 0), grid.factor, grid.last
     for i in items(ticket):
-        cells = to_i32((double_centroid_of(v, i) - origin) * factor)
-        put(out, i, _code(minimum(maximum(cells, np.int32(0)), last), last))
+        put(out, i, code_of_triangle(v, i, origin, factor, last))
         put(out_ids, i, i)
 
 

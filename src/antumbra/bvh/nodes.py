@@ -220,10 +220,10 @@ def tree_of(bvh):
 
 
 @kernel
-def _write_parents_first(links, order):
-    """Fill `order` as `parents_first` describes it, and return the number of nodes."""
+def write_parents_first(links, root, order):
+    """Fill `order` with the inner nodes from `root` on as `parents_first(links)` does, and return their number."""
     stack = stack_array(np.int32, _STACK_SIZE)
-    stack[0] = 0
+    stack[0] = root
     height, n = 1, 0
     while height > 0:
         height -= 1
@@ -240,7 +240,7 @@ def _write_parents_first(links, order):
 def parents_first(links: NDArray[np.int32]) -> NDArray[np.int32]:
     """(m,) int32: the inner nodes of a `Bvh`, depth first; parents precede children, and left precedes right."""
     order = np.empty(len(links), np.int32)
-    return order[: _write_parents_first(links, order)]
+    return order[: write_parents_first(links, 0, order)]
 
 
 def boxes_of(nodes: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -1,7 +1,7 @@
-"""Optimise a finished BVH by reinsertion [Bittner et al. 2013] [Meister and Bittner 2018].
+"""Optimise a finished BVH by reinsertion [Bittner et al. 2013] [Meister and Bittner 2018a].
 
 Insertion-based optimisation is from [Bittner et al. 2013, "Fast insertion-based optimization of bounding volume
-hierarchies"], its parallel form from [Meister and Bittner 2018, "Parallel reinsertion for bounding volume hierarchy
+hierarchies"], its parallel form from [Meister and Bittner 2018a, "Parallel reinsertion for bounding volume hierarchy
 optimization"]. For each large subtree, branch and bound finds the place in the tree that lowers the SAH cost most. All
 threads search at once, while the tree stays unchanged. Then the moves are made, the most profitable first. This repeats
 for a few rounds.
@@ -174,7 +174,7 @@ def _search(tree, item, root, gain, best, stack, gains):
 
 @kernel
 def _best_place(tree, item, stack, gains):
-    """The best place of an item below the siblings of its ancestors [Meister and Bittner 2018, Alg. 1]."""
+    """The best place of an item below the siblings of its ancestors [Meister and Bittner 2018a, Alg. 1]."""
     path = get(tree.parents, item)
     sibling, gain = _sibling(tree, item), _area(tree, path)
     shrunk = load8(tree.boxes, sibling * 8)

@@ -5,12 +5,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels.jit import kernel
+from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, new_ticket, run, shares, thread_count
-from ..kernels.simd import ptr, stack_array
-from .nodes import EMPTY, LINK, MAX_DEPTH, MAX_LEAF, Bvh, box_at, bvh_leaf, line_at
+from ..kernels.simd import get, ptr, stack_array
+from .nodes import EMPTY, LINK, MAX_DEPTH, MAX_LEAF, Bvh, box_at, bvh_leaf, line_at, link_at
 
-_CHUNK = 8192  # nodes whose areas a thread sums at a time
+AREA_ROW = 64  # nodes whose areas are added one by one
+AREA_ROWS = 64  # rows whose sums are added one by one
+_CHUNK = AREA_ROW * AREA_ROWS  # nodes whose areas a thread sums at a time
 _STACK_SIZE = MAX_DEPTH + 1
 _OK = 0
 _FAULTS = (
@@ -201,28 +203,48 @@ def tree_fault(bvh: Bvh) -> str:
     return ""
 
 
-@kernel
+@inlined
+def _extent(words, a, b):
+    """The extent, in float64, along the axis of words `a` and `b` of the hull of two child boxes."""
+    return np.float64(max(get(words, a + 2), get(words, b + 2))) - min(get(words, a), get(words, b))
+
+
+@inlined
 def _half_area(words, a, b):
     """Half the area, in float64, of the hull of the two child boxes that start at words `a` and `b`."""
-    x = np.float64(max(words[a + 2], words[b + 2])) - min(words[a], words[b])
-    y = np.float64(max(words[a + 6], words[b + 6])) - min(words[a + 4], words[b + 4])
-    z = np.float64(max(words[a + 10], words[b + 10])) - min(words[a + 8], words[b + 8])
+    x, y, z = _extent(words, a, b), _extent(words, a + 4, b + 4), _extent(words, a + 8, b + 8)
     return x * (y + z) + y * z
+
+
+@inlined
+def areas_between(words, links, first, last):
+    """The sums of half the areas of nodes `first` to `last` - 1, and of their leaves times their triangle counts."""
+    nodes, leaves = 0.0, 0.0
+    for node in range(first, last):
+        nodes += _half_area(words, box_at(node, 0), box_at(node, 1))
+        for side in range(2):
+            link = np.int64(get(links, link_at(node, side)))
+            if link < 0 and link != EMPTY:
+                leaves += _half_area(words, box_at(node, side), box_at(node, side)) * bvh_leaf(link).count
+    return nodes, leaves
 
 
 @kernel
 def _areas(ticket, bvh, sums):
-    """Worker: per chunk of nodes, sum half the areas of the nodes, and of their leaves weighted by triangle count."""
-    words = ptr(bvh.nodes)
+    """Worker: write the sums of `areas_between` of each chunk of nodes, added row by row."""
+    words, links = ptr(bvh.nodes), ptr(bvh.links)
     for first, last in shares(ticket):
         nodes, leaves = 0.0, 0.0
-        for node in range(first, last):
-            nodes += _half_area(words, box_at(node, 0), box_at(node, 1))
-            for side in range(2):
-                link = np.int64(bvh.links[node, LINK + side])
-                if link < 0 and link != EMPTY:
-                    leaves += _half_area(words, box_at(node, side), box_at(node, side)) * bvh_leaf(link).count
+        for row in range(first, last, AREA_ROW):
+            of_nodes, of_leaves = areas_between(words, links, row, min(row + AREA_ROW, last))
+            nodes += of_nodes
+            leaves += of_leaves
         sums[first // ticket[CHUNK], 0], sums[first // ticket[CHUNK], 1] = nodes, leaves
+
+
+@kernel
+def _root_area(root):  # root: (16,) float32, a node
+    return _half_area(ptr(root), 0, 1)
 
 
 def sah_cost(bvh: Bvh, c_traverse: float = 1.0, c_intersect: float = 1.0, threads: int | None = 1) -> float:
@@ -236,10 +258,26 @@ def sah_cost(bvh: Bvh, c_traverse: float = 1.0, c_intersect: float = 1.0, thread
         return 0.0
     sums = np.empty((-(-len(bvh.nodes) // _CHUNK), 2))
     run(_areas, thread_count(threads), new_ticket(len(bvh.nodes), _CHUNK), bvh, sums)
-    root, (nodes, leaves) = _half_area(bvh.nodes.reshape(-1), 0, 1), sums.sum(axis=0)
-    if root == 0.0:
-        return c_traverse * len(bvh.nodes) + c_intersect * len(bvh.prim_ids)
-    return float((c_traverse * nodes + c_intersect * leaves) / root)
+    return cost_of_sums(sums, bvh.nodes[0], len(bvh.nodes), len(bvh.prim_ids), c_traverse, c_intersect)
+
+
+def cost_of_sums(
+    sums: NDArray[np.float64],
+    root: NDArray[np.float32],
+    n_nodes: int,
+    n_triangles: int,
+    c_traverse: float = 1.0,
+    c_intersect: float = 1.0,
+) -> float:
+    """`sah_cost` from the sums of each chunk.
+
+    sums : (k, 2) float64, of `areas_between` for AREA_ROW nodes, added AREA_ROWS at a time
+    root : (16,) float32, the node
+    """
+    area, (of_nodes, of_leaves) = _root_area(root), sums.sum(axis=0)
+    if area == 0.0:
+        return c_traverse * n_nodes + c_intersect * n_triangles
+    return float((c_traverse * of_nodes + c_intersect * of_leaves) / area)
 
 
 @kernel

@@ -24,16 +24,15 @@ from ..query.shadow_query import ShadowQuery, new_bits
 from ..scene.scene_data import MemoryData
 from ..scene.triangles import Triangles
 from ..techniques.chcrt.chc_rt import ChcRtState
-from ..techniques.culling.pre_bvh_culling import CullResult, solid_of, solid_tree, soup_of
+from ..techniques.culling.pre_bvh_culling import BoundedSegments, CullResult, solid_of, solid_tree, soup_of
 from ..techniques.srdh.representative_rays import Bounce, RepresentativeRays, RepresentativeRaySelector, SrdhRays
 from ..trace.alpha_cutouts import CutoutTree, add_shadows, cutout_tree
 from ..trace.rays.ray_hits import Intersections
 from ..trace.tracer import TracerState
-from ..trace.transmission import Transmission, transmission
 from .auto.strategies import AutoState, TreelessState
 from .method_registry import BUILDERS, CULLERS
 from .plan import Plan
-from .tree_choice import ExpectedRays, LearnedTrees, TreeChoice, UpdatedTree, new_tree
+from .tree_choice import ExpectedRays, LearnedTrees, OwnTree, TreeChoice, UpdatedTree, new_tree
 
 # --- Acceleration by a plan -------------------------------------------------------------------------------------------
 
@@ -42,7 +41,9 @@ class Accelerated(NamedTuple):
     """A scene at one time sample with its BVH, if the plan has one."""
 
     triangles: Triangles  # all triangles, including culled ones
-    bvh: Bvh | None  # over the triangles left by culling; prim_ids index `triangles`; None: the tracer uses no BVH
+    bvh: (
+        Bvh | None
+    )  # over the triangles left by culling; prim_ids index `triangles`; None: the tracer has its own or none
     prepared: Any  # the tracer's input: the BVH, a structure made from it, or a `Soup` of the triangles left by culling
     cutouts: CutoutTree | None = None  # alpha-masked faces, which are not in the BVH; None: there are none
     partial: bool = False  # whether culling has dropped triangles that other queries may need
@@ -89,6 +90,8 @@ class Accelerator:
         The methods that the plan names.
     ray_selector : RepresentativeRaySelector or None
         Selects the sample rays of a ray-guided builder; None: the plan has none.
+    own_tree : bool
+        Whether the tracer runs the builder itself, so that there is no `Accelerated.bvh`.
     one_tree : bool
         Whether shadow rays and camera rays share a BVH.
     device_memory : int or None
@@ -99,19 +102,21 @@ class Accelerator:
         self.plan, self.threads, self.memory = plan, threads, LearnedTrees() if memory is None else memory
         self.choice = TreeChoice(plan.cull, plan.build, plan.optimise, plan.update, plan.trace, "named by the plan")
         self.ray_selector = RepresentativeRaySelector(plan.sample or SrdhRays(), threads) if plan.wants_rays else None
-        self.one_tree = plan.tracer.builds and self.ray_selector is None
+        self.own_tree = plan.build in plan.tracer.builders and not (plan.optimise or plan.update)
+        self.one_tree = plan.tracer.builds and self.ray_selector is None and not self.own_tree
         if plan.update and self.memory.updated is None:
             self.memory.updated = UpdatedTree(plan.update)
         self.device_memory: int | None = None
         self._cutouts: tuple[Triangles, CutoutTree | None] | None = None  # the latest ones
 
-    def begin(self, rays: int, later: int = 0) -> None:
+    def begin(self, rays: int, later: int = 0, frames: int = 1) -> None:
         """Begin a frame or a point query.
 
         rays : estimated number of rays in the queries for which a tree is built
         later : estimated number of further rays in the same tree
+        frames : estimated number of frames with as many rays in the same tree, this one included
         """
-        self.memory.begin(ExpectedRays(rays, later))
+        self.memory.begin(ExpectedRays(rays, later, frames))
 
     @property
     def culls(self) -> bool:
@@ -147,7 +152,13 @@ class Accelerator:
         """
         culled: CullResult | None = None
         if self.plan.cull:
-            culled = CULLERS[self.plan.cull].cull(triangles, queries, self.threads)
+            culler = CULLERS[self.plan.cull]
+            if self.own_tree and culler.bound is not None:
+                segments = culler.bound(triangles, queries, self.threads)
+                lap("cull")
+                if segments is not None:
+                    return self.prepare(self.choice, triangles, None, None, segments)
+            culled = culler.cull(triangles, queries, self.threads)
             lap("cull")
         if sample is None:
             sample = self.sample_rays(triangles, queries)
@@ -197,8 +208,10 @@ class Accelerator:
         InputError
             If the builder is ray-guided and `sample` is None.
         """
+        if self.own_tree and culled is None:
+            return self.prepare(choice, triangles, None)
         solid = solid_of(triangles, culled, self.threads)
-        if choice.builder is None:
+        if choice.builder is None or self.own_tree:
             return self.prepare(choice, triangles, None, solid)
         if self.ray_selector is not None and sample is None:
             raise InputError(f"plan {str(self.plan)!r}: its builder needs sample rays; render an image or query points")
@@ -242,25 +255,45 @@ class Accelerator:
             self._cutouts = triangles, cutout_tree(triangles, self.threads)
         return self._cutouts[1]
 
-    def transmission(self, triangles: Triangles, query: ShadowQuery, bits: NDArray[np.uint64]) -> Transmission | None:
-        """The light of samples that comes through cut-outs; `bits`: the query's answer. None if there is none."""
-        return transmission(self.cutouts_of(triangles), query, bits, self.threads)
-
     def prepare(
-        self, choice: TreeChoice, triangles: Triangles, bvh: Bvh | None, solid: CullResult | None = None
+        self,
+        choice: TreeChoice,
+        triangles: Triangles,
+        bvh: Bvh | None,
+        solid: CullResult | None = None,
+        segments: BoundedSegments | None = None,
     ) -> Accelerated:
-        """Convert the BVH, or the triangles if the tracer uses no BVH, to the input of this plan's tracer.
+        """Convert the BVH to the input of this plan's tracer; without one, the triangles, or a tree that it builds.
 
         solid : the solid triangles, or those that culling left; None: all
+        segments : those to which the tracer reduces the tree that it builds
         """
-        geometry = soup_of(triangles, solid, self.threads) if bvh is None else bvh
+        tracer, updated = self.plan.tracer, self.memory.updated
         with device_budget(self.device_memory):
-            prepared, updated = self.plan.tracer.prepare(geometry, self.threads), self.memory.updated
+            if bvh is None and choice.builder is not None:
+                faces = triangles.solid if solid is None else solid.kept
+                prepared = self._own_tree(choice.builder, triangles, faces, segments)
+            else:
+                geometry = soup_of(triangles, solid, self.threads) if bvh is None else bvh
+                prepared = tracer.prepare(geometry, self.threads)
         if updated is not None and isinstance(prepared, ChcRtState):
             if updated.state is not None:
                 prepared.continue_from(updated.state)
             updated.state = prepared
         return Accelerated(triangles, bvh, prepared, self.cutouts_of(triangles), bool(choice.culler), choice)
+
+    def _own_tree(
+        self, builder: str, triangles: Triangles, faces: NDArray[np.int32] | None, segments: BoundedSegments | None
+    ) -> Any:
+        """A tree from the tracer: the latest one, refitted, or a new one."""
+        tracer, latest, self.memory.own = self.plan.tracer, self.memory.own, None
+        prepared = None if latest is None or segments is not None else latest.at(tracer, triangles, faces)
+        if prepared is None:
+            latest = None  # on a device, there may be no room for both
+            prepared = tracer.build(builder, triangles, faces, segments)
+        if segments is None:
+            self.memory.own = OwnTree(triangles, faces, prepared)
+        return prepared
 
     def answer(
         self,
@@ -315,6 +348,11 @@ def _meetings(
 # --- The cached triangles and trees of a scene in memory --------------------------------------------------------------
 
 
+def _shares(accelerated: Accelerated) -> bool:
+    """Whether another tracer can take the tree, or the triangles: it is not one that a tracer has built itself."""
+    return accelerated.bvh is not None or accelerated.choice is None or accelerated.choice.builder is None
+
+
 class SceneTrees:
     """The latest triangles of a scene and a tree per plan, shared by the engines of the scene. It is thread-safe.
 
@@ -362,7 +400,7 @@ class SceneTrees:
                 sibling = (
                     None
                     if plan.chooses
-                    else next((t for p, t in self._accelerated.items() if p.tree == plan.tree), None)
+                    else next((t for p, t in self._accelerated.items() if p.tree == plan.tree and _shares(t)), None)
                 )
                 accelerated = (
                     accelerator.build(triangles)

@@ -1,15 +1,15 @@
 """The accelerator of the plan `auto`: chooses what to build for the queries of a frame.
 
-- **Culling.** A tree that later queries will not use, of a first frame or a moving scene, only needs the triangles that
-  segments can meet [Selgrad et al. 2015]. Culling is tried if marking cells, and building a tree of the share of
+- **Culling.** A tree that later queries will not use, of a single frame or a moving scene, only needs the triangles
+  that segments can meet [Selgrad et al. 2015]. Culling is tried if marking cells, and building a tree of the share of
   triangles that is expected to remain, cost less than a tree of all triangles. Once the cells are marked, a sample of
   the triangles gives the share, and culling is abandoned if it no longer pays.
 - **Builder.** Building a GOOD tree takes five times as long as a QUICK one, but traversal is faster. A GOOD tree is
-  built at once if the predicted rays pay for it. Otherwise the cached tree is upgraded once traversal has lost more
-  time than the rebuild costs (the ski-rental rule), so the total loss is at most twice the minimum, however many rays
-  follow. The same rule replaces GOOD trees by BEST ones. Trees of animated scenes are refitted from the first GOOD tree
-  on, BEST trees included. Where the queries are known, a GUIDED tree, built for a sample of their rays [Feltman et al.
-  2012], takes the place of a GOOD one.
+  built at once if the predicted rays pay for it, those of all expected frames together. Otherwise the cached tree is
+  upgraded once traversal has lost more time than the rebuild costs (the ski-rental rule), so the total loss is at most
+  twice the minimum, however many rays follow. The same rule replaces GOOD trees by BEST ones. Trees of animated scenes
+  are refitted from the first GOOD tree on, BEST trees included. Where the queries are known, a GUIDED tree, built for a
+  sample of their rays [Feltman et al. 2012], takes the place of a GOOD one.
 - **Cones.** Queries with one apex and few samples need no tree [Olsson and Assarsson 2011]. Their predicted time is
   compared with that of a tree and its rays: for all triangles, and for those that culling leaves.
 
@@ -24,6 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.wording import counted
 from ..bvh.nodes import Bvh
 from ..kernels.toolchain.kernel_manifest import kernels_of_warm_up
 from ..query.equal_samples import with_distinct_samples
@@ -82,7 +83,8 @@ from .tree_choice import FIRST_SHARE, NO_RAYS, LearnedTrees, TreeChoice, Updated
 CULLER = "grid32"
 """The culler of `auto`."""
 
-_WORTH_SAMPLING = 0.1  # predicted seconds with a tree from which the candidates of tracers without one are counted
+_WORTH_SAMPLING = 0.05  # predicted seconds with a tree from which the candidates of tracers without one are counted,
+_FEW_TRIANGLES = 80_000  # unless they are few: then candidates are
 _PATIENCE = 16  # frames without a new try after culling was abandoned
 
 
@@ -119,7 +121,7 @@ class AutoAccelerator(Accelerator):
 
     @property
     def culls(self) -> bool:
-        return self.memory.expected.later == 0
+        return self.memory.expected.later == 0 and self.memory.expected.frames == 1
 
     def executed(self, accelerated: Accelerated) -> TreeChoice:
         choice, chosen = accelerated.choice, accelerated.chosen
@@ -152,7 +154,8 @@ class AutoAccelerator(Accelerator):
             lap("cull")
             tree = self._builder_for(len(culled.kept), forecast.lost)
         else:
-            self._upgrade_builder(memory.strategies.lost + _loss(memory.expected.later) + forecast.lost, n)
+            expected = memory.expected
+            self._upgrade_builder(memory.strategies.lost + _loss(expected.later) + expected.frames * forecast.lost, n)
             memory.expected = NO_RAYS
         if culled is None:
             return self._whole_tree(triangles, queries)
@@ -160,14 +163,14 @@ class AutoAccelerator(Accelerator):
         treeless = self._treeless(len(culled.kept), triangles, queries, forecast, extent)
         if treeless is not None:
             return self._without_tree(treeless, triangles, culled)
-        why = f"used once; {len(culled.kept):,} triangles matter"
+        why = f"used once; {counted(len(culled.kept), 'triangle', 'matter')}"
         choice = self._choice(tree, why, CULLER)
         solid = solid_of(triangles, culled, self.threads)
         return self._prepare(choice, triangles, self._sampled_tree(choice, triangles, solid, queries), solid, extent)
 
     def build(self, triangles: Triangles, sample: RepresentativeRays | None = None) -> Accelerated:
         expected = self.memory.expected
-        self._upgrade_builder(_loss(expected.soon + expected.later), solid_count(triangles))
+        self._upgrade_builder(_loss(expected.frames * expected.soon + expected.later), solid_count(triangles))
         return self._whole_tree(triangles, [])
 
     def needs_rebuild(self, accelerated: Accelerated) -> bool:
@@ -177,7 +180,8 @@ class AutoAccelerator(Accelerator):
         if chosen.builder == QUICK:
             self._upgrade_builder(chosen.memory.lost, chosen.forms.triangles)
             return memory.builder != QUICK
-        expected = memory.expected.later * chosen.memory.ray_seconds
+        soon, later, frames = memory.expected
+        expected = (later + (frames - 1) * soon) * chosen.memory.ray_seconds
         if chosen.builder == GOOD and best_pays(chosen.memory.in_good + expected, chosen.forms.triangles):
             self._optimise()
             return True
@@ -252,7 +256,7 @@ class AutoAccelerator(Accelerator):
             seconds = 1e-9 * sum(f.rays * cost.rate(f._replace(triangles=n)) for f in forecast.features)
             if not is_compiled(f"{name} (raster)") or not _loads.pays(name, with_tree - seconds, cost.load):
                 continue
-            if cost.candidate and with_tree > _WORTH_SAMPLING:
+            if cost.candidate and with_tree > _WORTH_SAMPLING and n > _FEW_TRIANGLES:
                 seconds += 1e-9 * cost.candidate * sum(sampled_candidates(tracer, triangles, each) for each in queries)
             if seconds < with_tree:
                 return name
@@ -322,7 +326,8 @@ class AutoAccelerator(Accelerator):
         """
         upgrades = choice.tree == QUICK and choice.updater is None
         upgrade = TreeUpgrade(partial(self._upgrade, triangles, culled), _is_guided()) if upgrades else None
-        tracer = AutoState(bvh, self.threads, self.memory.strategies, choice.tree, upgrade, extent)
+        plain = partial(self._plain_tree, triangles) if culled is None and choice.updater is None else None
+        tracer = AutoState(bvh, self.threads, self.memory.strategies, choice.tree, upgrade, plain, extent)
         return Accelerated(triangles, bvh, tracer, self.cutouts_of(triangles), culled is not None, choice)
 
     def _upgrade(self, triangles: Triangles, culled: CullResult | None, query: ShadowQuery) -> tuple[Bvh, str]:
@@ -332,6 +337,11 @@ class AutoAccelerator(Accelerator):
             self.memory.builder = choice.tree
         solid = culled or solid_of(triangles, None, self.threads)
         return self._sampled_tree(choice, triangles, solid, [query]), choice.tree
+
+    def _plain_tree(self, triangles: Triangles) -> Bvh:
+        """A GOOD tree of all triangles, for strategies that a GUIDED one does not serve."""
+        self.memory.builder = GOOD
+        return self._tree(self._choice(GOOD, UPGRADED), triangles, solid_of(triangles, None, self.threads), None)
 
 
 def forecast_of(queries: Sequence[ShadowQuery], extent: SceneExtent) -> Forecast:

@@ -11,12 +11,15 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.wording import counted
 from ..query.ray_list import RayArguments
 from ..trace.rays.all_hits import ON_SURFACE
 from .sources.source_protocols import Bodies
 
 _AXES = np.concatenate([np.eye(3), -np.eye(3)]).astype(np.float32)
 _DIAGONALS = np.array(list(product((-1.0, 1.0), repeat=3)), np.float32)
+_MOST = (len(_AXES) + len(_DIAGONALS)) // 2 + 1  # odd numbers of 14 rays
+_FEW = 64  # points whose rays are traced by one call
 
 _NOTE = "contains: "
 
@@ -31,25 +34,45 @@ def inside_of(bodies: Bodies, rays: RayArguments, threads: int) -> NDArray[np.bo
         inside &= within
         if bodies.open_edges is not None:
             uncertain = np.flatnonzero(within & ~on_surface)
-            inside[uncertain] = _by_votes(bodies, points[uncertain], threads)
+            along = np.asarray(rays.directions, np.float32).reshape(-1, 3)[0]
+            inside[uncertain] = _by_votes(bodies, points[uncertain], along, inside[uncertain], threads)
     return np.asarray(on_surface | inside)
 
 
-def _by_votes(bodies: Bodies, points: NDArray[np.float32], threads: int) -> NDArray[np.bool_]:
-    """(m,) bool: whether most rays from points in the frame cross surfaces an odd number of times."""
+def _by_votes(
+    bodies: Bodies, points: NDArray[np.float32], axis: NDArray[np.float32], first: NDArray[np.bool_], threads: int
+) -> NDArray[np.bool_]:
+    """(m,) bool: whether most rays from points in the frame cross surfaces an odd number of times.
 
-    def odd_rays(places: NDArray[np.int64], directions: NDArray[np.float32]) -> NDArray[np.int64]:
-        odd, frame = np.zeros(len(places), np.int64), (0.0, 0.0, 0.0)
-        for along in directions:
-            rays = RayArguments(points[places], along, 0.0, np.inf, -1.0, (len(places),), 0, False, frame, bodies.time)
-            odd += bodies.crossings(rays, threads) % 2
-        return odd
+    Rays that no longer matter are not traced: the diagonals of points whose axes agree, or whose majority is certain.
 
-    votes = odd_rays(np.arange(len(points)), _AXES)
+    axis, first : a direction of `_AXES`, and (m,) bool, whether the ray along it crosses an odd number of surfaces
+    """
+
+    def is_odd(origins: NDArray[np.float32], along: NDArray[np.float32]) -> NDArray[np.bool_]:
+        frame = (0.0, 0.0, 0.0)
+        rays = RayArguments(origins, along, 0.0, np.inf, -1.0, (len(origins),), 0, False, frame, bodies.time)
+        return (bodies.crossings(rays, threads) & 1).astype(np.bool_)
+
+    axes = _AXES[(axis != _AXES).any(axis=1)]
+    diagonals = _DIAGONALS[np.argsort(-(_DIAGONALS @ axis), kind="stable")]  # upwards first: ground is often open
+    if len(points) <= _FEW:  # calls take longer than rays
+        every = np.concatenate([axes, diagonals])
+        odd = is_odd(np.repeat(points, len(every), axis=0), np.tile(every, (len(points), 1))).reshape(-1, len(every))
+        votes = first + odd[:, : len(axes)].sum(axis=1)
+        agree = (votes == 0) | (votes == len(_AXES))
+        return np.asarray(np.where(agree, votes > 0, first + odd.sum(axis=1) >= _MOST))
+    votes = first.astype(np.int8)
+    for along in axes:
+        votes += is_odd(points, along)
     inside = votes == len(_AXES)
     divided = np.flatnonzero((votes > 0) & ~inside)
-    votes[divided] += odd_rays(divided, _DIAGONALS)
-    inside[divided] = 2 * votes[divided] > len(_AXES) + len(_DIAGONALS)
+    votes, points = votes[divided], points[divided]
+    for left, along in zip(reversed(range(len(diagonals))), diagonals):
+        votes += is_odd(points, along)
+        inside[divided] = votes >= _MOST
+        open_ = np.flatnonzero((votes < _MOST) & (votes + left >= _MOST))
+        divided, votes, points = divided[open_], votes[open_], points[open_]
     return np.asarray(inside)
 
 
@@ -58,7 +81,7 @@ def with_note(notes: tuple[str, ...], name: str, open_edges: int | None) -> tupl
     others = tuple(note for note in notes if not note.startswith(f"{name}: {_NOTE}"))
     if not open_edges:
         return others
-    edges = "1 edge is" if open_edges == 1 else f"{open_edges:,} edges are"
+    edges = counted(open_edges, "edge", "are")
     return (
         *others,
         f"{name}: {_NOTE}{edges} open, so inside is where most of 14 rays cross surfaces an odd number of times; "

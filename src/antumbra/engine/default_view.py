@@ -394,7 +394,7 @@ def view_of(data: SceneData) -> DefaultView:
     if faces is None:
         return view_of_bounds(data.bounds, data.up)
     box = detail_box(faces)
-    view = DefaultView(corners_within(faces, box), data.up, None)
+    view = DefaultView(corners_within(faces, box), data.up, None, data.bounds)
     if data.instanced:
         return view
     room = room_of(data, view.camera(1, 1), box)

@@ -1,6 +1,7 @@
 """Plans that trace on a device, such as ``bsah+device:cuda:0``: the option ``device``, and what stays on the CPU.
 
-The tree is built on the CPU and uploaded once. Devices find what blocks shadow rays, and any and the nearest hits of
+The CPU builds ``bsah`` trees, which are uploaded once; devices build ``lbvh`` ones themselves, which animated scenes
+get by default, since each frame needs a new tree. Devices find what blocks shadow rays, and any and the nearest hits of
 ray lists. The CPU finds what a camera sees, hits on cut-outs, and all hits; instances and stores are traced on the CPU
 altogether.
 """
@@ -50,7 +51,9 @@ def plan_on(device: str | None, plan: str | Plan | None, data: SceneData | None 
         return plan
     full = f"{kind}:{ordinal}"
     if plan is None or str(plan) == DEFAULT_PLAN:
-        return plan if data is not None and not traces_on_device(data) else f"bsah+{DEVICE}:{full}"
+        if data is not None and not traces_on_device(data):
+            return plan
+        return f"{'lbvh' if data is not None and data.animated else 'bsah'}+{DEVICE}:{full}"
     parsed = parse_plan(plan)
     if parsed.device != full:
         raise InputError(

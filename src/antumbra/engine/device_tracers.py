@@ -1,12 +1,19 @@
 """Tracers on devices, ``device:`` and the name of a device: a family of the registry of methods."""
 
 from functools import cache
-from typing import Any
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ..base.progress import ProgressCallback
+from ..bvh.nodes import Bvh
 from ..devices.device_list import CPU, current_budget, parse_device
 from ..kernels.parallel import thread_count
 from ..query.shadow_query import ShadowQuery, ray_count
+from ..scene.resident_triangles import ResidentTriangles
+from ..scene.triangles import Triangles
+from ..techniques.culling.pre_bvh_culling import BoundedSegments
 from ..trace.counters import RAYS
 from ..trace.tracer import Bits, Counters, Tracer, TracerState
 from .method_registry import register_family
@@ -30,12 +37,13 @@ def device_tracer(name: str, max_memory: int | None = None) -> Any:
 
 @cache
 def _opened(name: str, max_memory: int | None) -> Any:
-    from ..trace.device.device_kernels import DEVICE_KERNELS  # imported late: most processes use no device
+    from ..techniques.culling import device_culling  # noqa: F401, imported late, since most processes use no device
+    from ..trace.device.device_kernels import KERNELS
     from ..trace.device.device_tracer import DeviceTracer
     from ..trace.device.self_test import open_tested
     from .precompilation import precompile_devices
 
-    precompile_devices(DEVICE_KERNELS)
+    precompile_devices(list(KERNELS.values()))
     return DeviceTracer(open_tested(name, max_memory))
 
 
@@ -45,6 +53,12 @@ class OnDevice(TracerState):
     def __init__(self, tracer: Any, tree: Any) -> None:
         self.tracer = tracer  # `DeviceTracer`
         self.tree = tree  # `trace.device.device_tree.DeviceTree`
+
+    @property
+    def host_tree(self) -> Bvh:
+        """The same tree on the host."""
+        with self.tracer.lock:
+            return cast(Bvh, self.tree.bvh)
 
     def begin(self) -> None:
         """Begin a frame; nothing changes on the device."""
@@ -56,6 +70,8 @@ class OnDeviceTracer(Tracer):
     device : full name
     """
 
+    builders = ("lbvh",)
+
     def __init__(self, device: str) -> None:
         self.device, self.description = device, f"one ray per thread on the device {device}, exact with the CPU's help"
 
@@ -63,6 +79,27 @@ class OnDeviceTracer(Tracer):
         """The tree on the device."""
         tracer = device_tracer(str(self.device), current_budget())
         return OnDevice(tracer, tracer.tree(geometry))
+
+    def build(
+        self,
+        builder: str,
+        triangles: Triangles,
+        faces: NDArray[np.int32] | None,
+        segments: BoundedSegments | None = None,
+    ) -> OnDevice:
+        """A tree built on the device."""
+        tracer = device_tracer(str(self.device), current_budget())
+        vertices = _vertices(triangles, tracer)
+        if segments is None:
+            return OnDevice(tracer, tracer.build(vertices, faces))
+        from ..techniques.culling.device_culling import build_relevant
+
+        return OnDevice(tracer, build_relevant(tracer, vertices, faces, segments))
+
+    def refit(self, prepared: OnDevice, triangles: Triangles, limit: float) -> OnDevice | None:
+        """The tree, refitted on the device."""
+        tree = prepared.tracer.refit(prepared.tree, _vertices(triangles, prepared.tracer), limit)
+        return None if tree is None else OnDevice(prepared.tracer, tree)
 
     def trace(
         self,
@@ -77,6 +114,13 @@ class OnDeviceTracer(Tracer):
         prepared.tracer.trace_shadow(prepared.tree, query, bits, thread_count(threads), progress)
         if counters is not None:
             counters[RAYS] += ray_count(query)
+
+
+def _vertices(triangles: Triangles, tracer: Any) -> Any:
+    """The vertices of triangles: in the memory of a tracer's device if they are there, otherwise on the host."""
+    if isinstance(triangles, ResidentTriangles) and triangles.memory.device.name == tracer.device.name:
+        return triangles.memory
+    return triangles.vertices
 
 
 @cache

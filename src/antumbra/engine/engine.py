@@ -40,7 +40,7 @@ from .primary_visibility import AUTO, METHODS, RAYS
 from .ray_queries import RayQueries
 from .scene_reading import data_of
 from .sources.few_points import FewPoints
-from .sources.in_memory_source import RayLists, SharedMemory
+from .sources.in_memory_source import SharedMemory
 from .sources.instanced_source import SharedInstances
 from .sources.point_shadows import PlanKernels, TreeShadows, queries_in
 from .sources.source_protocols import (
@@ -51,6 +51,7 @@ from .sources.source_protocols import (
     PointSource,
     SharedTrees,
     SourceSettings,
+    TreeHits,
     moment_of,
 )
 from .sources.terrain_shadows import TerrainShadows
@@ -82,7 +83,8 @@ class Engine(RayQueries):
 
     With a device, `occluded` and `closest_hit` also take rays in arrays on that device, of PyTorch, CuPy, JAX or other
     libraries with DLPack or ``__cuda_array_interface__``, float32 or float64. Their results are then
-    `antumbra.devices.arrays.DeviceArray` there: for `closest_hit` a tuple of t, face, u and v.
+    `antumbra.devices.arrays.DeviceArray` there: for `closest_hit` a tuple of t, face, u and v. `update` takes such
+    vertices, which are read before it returns, and copied to the host only for what runs there.
 
     Python threads may share an engine. Ray queries of scenes in memory run concurrently; all other queries hold `lock`
     while they run.
@@ -166,9 +168,9 @@ class Engine(RayQueries):
             from .sources import device_ray_lists  # imported late: most engines use no device
 
             self._rays = self._device_rays = device_ray_lists.DeviceRayLists(shared.flat(), self.accelerator)
-        elif chooses and data.terrain is not None:
-            ray_lists = cast(RayLists, self._rays)  # terrain is in memory
-            self.terrain = TerrainShadows(data, ray_lists, self._points, self.threads)
+        elif str(self.plan) == shared.default_plan and data.terrain is not None:
+            trees = cast(TreeHits, self._rays)  # in memory, or in a store
+            self.terrain = TerrainShadows(data, trees, self._points, self.threads, self.source)
             self._rays = self._points = self.terrain
         elif chooses and may_have_card() and default_device() is None:
             from .sources.card_rays import CardRays
@@ -347,9 +349,14 @@ class Engine(RayQueries):
         transform: "ArrayLike | None" = None,
         threads: int | None = None,
     ) -> None:
-        """Move the geometry of the scene; `antumbra.Scene.update` documents the parameters."""
+        """Move the geometry of the scene; `antumbra.Scene.update` documents the parameters.
+
+        After vertices from a device in more digits than float32 has in the scene's frame, a transform is refused.
+        """
         if self.source.geometry is not None:
             precompile("update")
+        if self._device_rays is not None and self._device_rays.takes(vertices):
+            vertices = cast("ArrayLike", self._device_rays.vertices(vertices))
         with self._updates:
             self.data.update(vertices, objects, transform, self.threads if threads is None else threads)
 

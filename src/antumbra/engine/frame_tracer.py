@@ -15,7 +15,7 @@ from ..scene.lights import Light
 from ..scene.triangles import Triangles
 from ..techniques.srdh.representative_rays import RepresentativeRays, bounced_queries
 from ..trace.rays.ray_hits import Nearest
-from ..trace.transmission import TracedQuery
+from ..trace.transmission import TracedQuery, transmission
 from .accelerator import Accelerated, Accelerator
 from .auto.strategies import StrategyChoice
 from .primary_visibility import RAYS, nearest_in
@@ -61,11 +61,12 @@ class FrameTracer:
         self._sample_rays: RepresentativeRays | None = None  # for a ray-guided builder
         self._bounce_state: tuple[Nearest, Accelerated] | None = None  # closest-hit function and shadow tree of bounces
 
-    def begin(self, memory: FrameMemory, rays: int, later: int, time: float) -> None:
+    def begin(self, memory: FrameMemory, rays: int, later: int, time: float, frames: int = 1) -> None:
         """Begin a frame at a time in seconds.
 
         rays : estimated number of rays in the frame
-        later : estimated number of rays of later frames in the same tree
+        later : estimated number of further rays of the frame in the same tree
+        frames : estimated number of frames from this one on; those of an animated scene share no tree
 
         Raises
         ------
@@ -74,7 +75,7 @@ class FrameTracer:
         """
         if self.memory is not None:
             self.memory.begin(memory)
-        self.accelerator.begin(rays, later)
+        self.accelerator.begin(rays, later, 1 if self.scene.animated else frames)
         self.triangles, self._full_tree = moment_of(self._source, time)
 
     def build_for_camera(self, camera: Camera) -> bool:
@@ -144,7 +145,9 @@ class FrameTracer:
 
     def traced_query(self, query: ShadowQuery, bits: NDArray[np.uint64]) -> TracedQuery:
         """A query with its bits, and with the light that comes through cut-outs."""
-        return TracedQuery(query, bits, self.accelerator.transmission(self.triangles, query, bits))
+        tree = self._accelerated or self._full_tree  # None: the bits were known, and nothing was prepared
+        cutouts = self.accelerator.cutouts_of(self.triangles) if tree is None else tree.cutouts
+        return TracedQuery(query, bits, transmission(cutouts, query, bits, self.accelerator.threads))
 
     def reuse_tree(self) -> None:
         """Trace the next band of the image in this band's tree, if the plan allows it."""

@@ -139,6 +139,8 @@ def _position(scene: "AnyScene") -> tuple[float, float]:
 def _remedy(scene: "AnyScene", position: tuple[float, float]) -> str:
     """The command that reprojects the file of a scene, or the CRS to which its coordinates are to be reprojected."""
     target = projected_crs(scene.crs, *position)
+    if not scene.data.resident:
+        return f"reproject the files that it was built from to {target}, and build it again"
     suffix = Path(getattr(getattr(scene.data, "source", None), "file", "")).suffix.lower()
     file_format = format_of(Path(f"file{suffix}"))
     if file_format is not None and file_format.reproject is not None:

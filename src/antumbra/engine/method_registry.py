@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 from ..base import extras, wings
 from ..base.checks import choice, quoted
 from ..base.errors import InputError
-from ..bvh import binned_sah, lbvh, refit, reinsertion
+from ..bvh import binned_sah, lbvh, ploc, refit, reinsertion
 from ..bvh.nodes import Bvh
 from ..techniques.chcrt.chcrt_tracer import ChcRtTracer
-from ..techniques.culling.pre_bvh_culling import CullResult, cull
+from ..techniques.culling.pre_bvh_culling import BoundedSegments, CullResult, bound_segments, cull
 from ..techniques.rayhierarchy.cone_tracer import FastestCones
 from ..techniques.srdh import srdh_builder
 from ..techniques.tracer_options import ChcRtOptions
@@ -62,12 +62,14 @@ __all__ = [
 class Culler(NamedTuple):
     """A method that drops triangles before a BVH is built: ``cull(triangles, queries, threads) -> CullResult``.
 
-    It keeps every triangle that a shadow ray of the queries can hit.
+    It keeps every triangle that a shadow ray of the queries can hit. ``bound(triangles, queries, threads)``, if there
+    is one, is its first step, for tracers that drop the triangles themselves: see `pre_bvh_culling.bound_segments`.
     """
 
     cull: Callable[..., CullResult]
     description: str  # one line, for `antumbra plans`
     paper: str  # citation
+    bound: Callable[..., BoundedSegments | None] | None = None
 
 
 class Builder(NamedTuple):
@@ -117,7 +119,10 @@ FELTMAN = "Feltman et al. 2012, SRDH: Specializing BVH construction and traversa
 
 CULLERS: dict[str, Culler] = {
     f"grid{n}": Culler(
-        partial(cull, n=n), f"drops triangles by a grid of {n} x {n} x {n} cells between receivers and lights", SELGRAD
+        partial(cull, n=n),
+        f"drops triangles by a grid of {n} x {n} x {n} cells between receivers and lights",
+        SELGRAD,
+        partial(bound_segments, n=n),
     )
     for n in (32, 16, 64, 128, 256)
 }
@@ -144,6 +149,11 @@ BUILDERS: dict[str, Builder] = {
         "63-bit Morton codes: for scenes with fine detail in a small region",
         "Karras 2012, Maximizing parallelism in the construction of BVHs, octrees, and k-d trees",
     ),
+    "ploc": Builder(
+        ploc.build,
+        "locally-ordered clustering in Morton order: between lbvh and bsah in build and ray time",
+        "Meister and Bittner 2018b, Parallel locally-ordered clustering for bounding volume hierarchy construction",
+    ),
     "tl-lbvh": Builder(
         wings.later(wings.TL_LBVH),
         "lbvh with restructured treelets: builds as fast as bsah, and better trees in most scenes",
@@ -162,7 +172,7 @@ OPTIMISERS: dict[str, Optimiser] = {
     "reinsert": Optimiser(
         reinsertion.reinsert,
         "moves subtrees to where they cost less: the best trees, for at least twice the build time of bsah",
-        "Meister and Bittner 2018, Parallel reinsertion for bounding volume hierarchy optimization",
+        "Meister and Bittner 2018a, Parallel reinsertion for bounding volume hierarchy optimization",
     ),
     "srdh-order": Optimiser(
         srdh_builder.order_by_rays,

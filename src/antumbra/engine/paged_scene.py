@@ -1,25 +1,26 @@
 """The public class of scenes in stores."""
 
-from typing import Any
-
 from ..base.checks import byte_count
 from ..base.errors import InputError
-from ..store.store_file import Store, StoreData
+from ..base.wording import counted
+from ..store.store_data import StoreData
+from ..store.store_file import Store
 from .scene import AnyScene, DataAttribute
 
 
 class PagedScene(AnyScene):
-    """A scene whose triangles are in a store; `antumbra.load` returns it for a file ``*.antumbra``.
+    """A scene whose triangles are in a store; `antumbra.load` returns it for ``*.antumbra`` and ``*.tiles``.
 
     The scene is static. Its name, up axis, CRS, bounds, origin, cameras and lights equal those of a `Scene` of the same
-    sources, as do the results of all queries. The store does not record the mesh of a triangle, so all faces form one
-    object. Methods that need all triangles at once raise InputError. Unpickling a scene opens its store again, by its
-    path.
+    sources, as do the results of all queries. Objects have their names, types and parents, but no mesh; there are
+    no semantic surfaces and attributes of a city, and no textures. Methods that need all triangles at once raise
+    InputError if these exceed `max_memory`. Corners have the precision of the frame; those of float32 sources are
+    exact. Unpickling a scene opens its store again, by its path.
 
     Attributes
     ----------
     store : Store
-        The open file.
+        The open file, or the tiles. Above 2^31 - 1 triangles, faces are numbered by int64.
     max_memory : int or None
         Limit in bytes on the memory of the process, for all queries without a `max_memory` argument, such as `occluded`
         and `closest_hit`; None: 4 GiB.
@@ -27,7 +28,6 @@ class PagedScene(AnyScene):
 
     data: StoreData
     store = DataAttribute[Store]()
-    _max_memory: int | None
 
     def __init__(self, store: Store):
         self.__setstate__({"data": StoreData(store)})
@@ -35,24 +35,17 @@ class PagedScene(AnyScene):
     @property
     def max_memory(self) -> int | None:
         """Limit in bytes on the memory of the process; None: 4 GiB. Setting an invalid size raises InputError."""
-        return self._max_memory
+        return self.data.max_memory
 
     @max_memory.setter
     def max_memory(self, size: int | None) -> None:
         size = None if size is None else byte_count(size, "max_memory", 1)
-        if size != self._max_memory:
-            self._max_memory, self._engine = size, None
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {"data": self.data, "max_memory": self._max_memory}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        super().__setstate__(state)
-        self._max_memory = state.get("max_memory")
+        if size != self.data.max_memory:
+            self.data.max_memory, self._engine = size, None
 
     def refusal(self) -> InputError:
         """The error raised by methods that need all triangles."""
         return self.data.refusal()
 
     def __repr__(self) -> str:
-        return f"PagedScene({self.name!r}, {self.n_triangles} triangles, up={self.up!r})"
+        return f"PagedScene({self.name!r}, {counted(self.n_triangles, 'triangle')}, up={self.up!r})"

@@ -14,6 +14,7 @@ from functools import cache
 from typing import NamedTuple
 
 from ..base.progress import report_progress
+from ..base.wording import counted
 from ..kernels.marshalling import argument_count, import_object
 from ..kernels.toolchain.compile_pool import KernelRequest, compile_kernels
 from ..kernels.toolchain.device_code import FORMS, DeviceKernel
@@ -65,7 +66,7 @@ def _compile(missing: set[KernelRequest], levels: Sequence[str] | None, what: st
     what : what they are for, in the message
     """
     if missing and has_compiler() and user_cache().is_writable():
-        with report_progress(f"compiling {len(missing)} kernels for {what}, once") as progress:
+        with report_progress(f"compiling {counted(len(missing), 'kernel')} for {what}, once") as progress:
             compile_kernels(missing, progress, levels=levels)
 
 

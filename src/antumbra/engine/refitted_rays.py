@@ -18,6 +18,7 @@ from ..kernels.array_pool import ArrayPool
 from ..scene.triangles import Triangles
 from .accelerator import Accelerated, Accelerator
 from .auto.cost_model import GOOD, RAY_SECONDS, rebuild_pays
+from .tree_choice import are_equal_faces
 
 
 class _BuiltTree(NamedTuple):
@@ -76,10 +77,3 @@ class RayTreeRefit:
 def _lost_share(growth: float) -> float:
     """The share of the time of rays that a rebuild would save. Costs within LIMIT say nothing about times."""
     return 1.0 - 1.0 / growth if growth > LIMIT else 0.0
-
-
-def are_equal_faces(faces: NDArray[np.int32] | None, others: NDArray[np.int32] | None) -> bool:
-    """Whether two sets of faces, in ascending order, are equal; None: all faces of the scene."""
-    if faces is None or others is None:
-        return faces is others
-    return np.array_equal(faces, others)

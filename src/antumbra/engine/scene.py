@@ -14,7 +14,9 @@ from numpy.typing import ArrayLike
 
 from ..base import wings
 from ..base.checks import choice, whole_number
+from ..base.errors import InputError
 from ..base.forks import free_lock, renew_after_fork
+from ..base.wording import counted
 from ..formats.instance_arrays import data_of_instances
 from ..formats.library_meshes import data_of_arrays, data_of_mesh
 from ..generate.generated_scene import procedural_data
@@ -142,7 +144,7 @@ class AnyScene(RayQueries):
         Raises
         ------
         InputError
-            If the time is not a number, the animation moves vertices to infinity, or the scene is in a store.
+            If the time is not a number, the animation moves vertices to infinity, or a store does not fit in memory.
         """
         return self.data.triangles(time, threads)
 
@@ -581,7 +583,7 @@ class Scene(AnyScene):
 
     def __repr__(self) -> str:
         duration = f", duration={self.duration:g}" if self.animated else ""
-        return f"Scene({self.name!r}, {self.n_triangles} triangles{duration}, up={self.up!r})"
+        return f"Scene({self.name!r}, {counted(self.n_triangles, 'triangle')}{duration}, up={self.up!r})"
 
 
 def procedural(name: str = "atrium", triangles: int | None = None, seed: int = 0) -> Scene:
@@ -601,3 +603,18 @@ def procedural(name: str = "atrium", triangles: int | None = None, seed: int = 0
         If the name is unknown, or the number of triangles is out of range.
     """
     return Scene.of_data(procedural_data(name, triangles, seed))
+
+
+def is_outside(scene: AnyScene, camera: Camera) -> bool:
+    """Whether the camera is outside a scene in memory, so that pictures show a ground below it.
+
+    The scene may already contain ground, whose shadows then continue beyond its edge.
+    """
+    if not scene.data.resident or camera.projection == "panoramic":
+        return False
+    if ((camera.position > scene.bounds[0]) & (camera.position < scene.bounds[1])).all():
+        return False
+    try:
+        return scene.view.room is None
+    except InputError:  # at some time the scene has no triangles: that frame reports the error
+        return False

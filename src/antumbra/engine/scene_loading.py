@@ -3,10 +3,13 @@
 import os
 import warnings
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
-from ..base.checks import byte_count, flag
+from ..base.checks import byte_count, flag, quoted
+from ..base.errors import InputError
 from ..base.memory import reading_limit
+from ..formats.format_registry import GLB, GLTF, format_of
 from ..formats.scene_format import ReadOptions
 from ..scene.crs import checked_crs, in_one_unit
 from ..scene.materials import Transmittance
@@ -19,7 +22,7 @@ if TYPE_CHECKING:
     from .paged_scene import PagedScene
 
 SceneLike: TypeAlias = "AnyScene | str | os.PathLike[str] | Any"
-"""A scene argument: a scene, the path of one, or a mesh of another library, see `load`."""
+"""A scene argument: a scene, the path of one, or a mesh or DataArray of another library, see `load`."""
 
 
 def load(
@@ -32,6 +35,7 @@ def load(
     crs: str | None = None,
     unit: str | None = None,
     instances: bool | None = None,
+    animation: str | None = None,
     max_memory: int | None = None,
 ) -> "Scene | PagedScene":
     """Read a scene from a file, or convert a mesh of another library.
@@ -48,8 +52,12 @@ def load(
           `antumbra.from_footprints` reads them; requires antumbra[gis].
         - A folder with `frames.npy` ((n, v, 3) float, the vertices at n times) and `faces.npy` ((f, 3) int), and
           optionally `face_rgba.npy` ((f, 4) uint8 or float, linear) and an `info.json` with "times" (n seconds).
-        - A store (.antumbra), built by `antumbra build`.
-        - A mesh of trimesh, pyvista, meshio or Open3D, see `Scene.from_mesh`.
+        - A store (.antumbra), or tiles (.tiles), built by `antumbra build`.
+        - A mesh of trimesh, pyvista, meshio or Open3D, see `Scene.from_mesh`; or a DataArray of heights of xarray, see
+          `antumbra.from_raster`.
+
+        The name of a GeoTIFF or a store may be a URL, of https, s3, gs or az. Only the chunks of a store that are
+        needed are read; requires antumbra[cloud].
     up : "y" or "z", optional
         The axis that points up. It is recorded as `Scene.up`; coordinates are not changed. None: "z" for CityJSON,
         rasters, footprints and meshes of other libraries, and for other files whose floors and roofs face z, with a
@@ -61,7 +69,7 @@ def load(
     cutouts : bool
         True: rays pass through the holes of faces whose material has alpha mode MASK, and some of the light through
         those with BLEND or KHR_materials_transmission; see `Scene.set_transmittance` for what it counts in. False: all
-        faces are solid, as in stores.
+        faces are solid; a store with holes keeps them, and refuses it.
     transmittance : dict of str to float, three floats, or twelve of these, optional
         Shares of the light that materials or objects let pass, or those of each month, as for
         `Scene.set_transmittance`.
@@ -77,7 +85,9 @@ def load(
         takes memory for its meshes, not for their copies, and all answers are the same, bit by bit. Only the plan
         ``wide`` traces instances; others flatten the scene. Instances have one colour per face. None: if the copies
         would take more than 1 GiB, the scene is static and no material lets light pass.
-
+    animation : str, optional
+        For glTF, the name of the clip that plays, or its number if it has none. None: all play at once, and of those
+        that move the same property of a node, the first.
     max_memory : int, optional
         Limit in bytes on the memory that reading takes. A file that would take more is refused before any is allocated.
         None: what is available, but at most 1 GiB or a hundred times the size of the file, whichever is larger. For a
@@ -104,7 +114,9 @@ def load(
     if transmittance is not None and instances is None:
         instances = False
     length = None if unit is None else checked_unit(unit)
-    options = ReadOptions(up, lod, instances, flag(cutouts, "cutouts"), given_crs, length)
+    if animation is not None and not (isinstance(path, (str, os.PathLike)) and format_of(Path(path)) in (GLB, GLTF)):
+        raise InputError(f"{quoted(path)}: animation chooses a clip of a glTF file; leave it out")
+    options = ReadOptions(up, lod, instances, flag(cutouts, "cutouts"), given_crs, length, animation)
     limit = None if max_memory is None else byte_count(max_memory, "max_memory", 1)
     with reading_limit(limit):
         scene = _scene_of_data(read_scene_data(path, options))

@@ -10,22 +10,23 @@ from ..base.checks import flag, path_of, text
 from ..base.errors import InputError
 from ..base.files import checked_file
 from ..formats.foreign_formats import cure_of
-from ..formats.format_registry import FORMATS, FRAMES, GLB, GLTF, format_of
+from ..formats.format_registry import FORMATS, FRAMES, GLB, GLTF, format_of, format_taking
 from ..formats.library_meshes import KNOWN, data_of_mesh, is_mesh
 from ..formats.scene_format import Contents, Format, ReadOptions
 from ..scene.scene_data import SceneData, check_up_axis
-from ..store.store_format import STORE_SUFFIX
+from ..store.store_format import STORE_SUFFIX, TILES_SUFFIX
 
 _DEFAULT = ReadOptions()
 
 
 def _open_store(path: Path, options: ReadOptions) -> SceneData:
-    from ..store.store_file import load_store
+    from ..store.store_data import load_store
+    from ..store.tiled_store import load_tiles
 
-    return load_store(path)
+    return load_tiles(path) if path.suffix.lower() == TILES_SUFFIX else load_store(path)
 
 
-STORE = Format("store", (STORE_SUFFIX,), _open_store, None, None, "animation, textures and alpha cutouts")
+STORE = Format("store", (STORE_SUFFIX, TILES_SUFFIX), _open_store, None, None, "animation and textures")
 
 SCENE_FORMATS = *FORMATS, STORE
 """All formats that `antumbra.load` reads."""
@@ -49,10 +50,14 @@ def read_scene_data(value: Any, options: ReadOptions = _DEFAULT) -> SceneData:
         flag(options.instances, "instances")
     if is_mesh(value):
         return data_of_mesh(value, up=options.up)
+    if (taking := format_taking(value)) is not None:
+        return taking.read(value, options)
     if isinstance(value, (str, os.PathLike)):
         return _scene_in(path_of(value, "scene"), options)
     kind = type(value).__name__
-    raise InputError(f"scene is a {kind}; give the path of a file, a scene, or {KNOWN}; arrays go to Scene.from_arrays")
+    raise InputError(
+        f"scene is a {kind}; give the path of a file, a scene, a DataArray, or {KNOWN}; arrays go to Scene.from_arrays"
+    )
 
 
 def _scene_in(path: Path, options: ReadOptions) -> SceneData:
@@ -73,7 +78,7 @@ def _read(path: Path, options: ReadOptions) -> SceneData:
     name, file_format = path.name or str(path), format_of(path, SCENE_FORMATS)
     if options.lod is not None and (file_format is None or file_format.contents is not Contents.CITY):
         raise InputError(f"{name}: lod is for CityJSON files; leave it out")
-    if file_format not in (FRAMES, STORE):
+    if file_format not in (FRAMES, STORE) and (file_format is None or not file_format.by_url):
         checked_file(path, name)
     if (cure := cure_of(path)) and not path.is_dir():
         raise InputError(f"{name}: {cure}")

@@ -8,7 +8,7 @@ from ..scene.instance_data import InstanceData
 from ..scene.instances import InstancedMeshes
 from ..scene.light_lists import PointLights
 from ..scene.lights import AmbientOcclusion, Light, PointLight, SphereLight
-from ..scene.materials import MASK, Material, Texture
+from ..scene.materials import MASK, Material, PbrParameters, Texture, TextureMap
 from ..scene.mesh import StaticMeshes, VertexAttributes, make_mesh, textured_mesh
 from ..scene.scene_data import MemoryData
 from ..scene.terrain import GridPoints, HeightGrid, TerrainSurfaces
@@ -32,6 +32,16 @@ def small_scene(dressed: bool = False) -> MemoryData:
     return data_of_arrays(
         vertices, faces, vertex_colours=np.ones(vertices.shape), uv=vertices[:, ::2], texture=white, normals=up
     )
+
+
+def small_scene_of_metal() -> MemoryData:
+    """The small scene of rough metal with a normal map."""
+    hills = small_scene().triangles().vertices.reshape(-1, 3)
+    bump = TextureMap(Texture("metal", np.full((2, 2, 4), 100, np.uint8), holds_data=True))
+    material = Material(pbr=PbrParameters(metallic=1.0, roughness=0.5, normal_map=bump))
+    mesh = make_mesh("metal", hills, None, None, "metal")
+    look = VertexAttributes(uv=hills[:, ::2])
+    return MemoryData(StaticMeshes([textured_mesh(mesh, None, len(hills), material, "metal", look)], "small"))
 
 
 def small_scene_with_cutouts() -> MemoryData:

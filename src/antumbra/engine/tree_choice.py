@@ -4,16 +4,19 @@
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..bvh.nodes import Bvh
+from ..bvh.refit import LIMIT
+from ..devices.device import OutOfDeviceMemory
 from ..scene.triangles import Triangles
 from ..techniques.chcrt.chc_rt import ChcRtState
 from ..techniques.culling.pre_bvh_culling import solid_tree
 from ..trace.rays.ray_hits import Intersections
+from ..trace.tracer import Tracer
 from .auto.cost_model import QUICK
 from .auto.strategies import StrategyMemory
 from .method_registry import BUILDERS, OPTIMISERS, UPDATERS, Builder, Optimiser
@@ -104,11 +107,38 @@ class UpdatedTree:
         return self._latest[1]
 
 
+def are_equal_faces(faces: NDArray[np.int32] | None, others: NDArray[np.int32] | None) -> bool:
+    """Whether two sets of faces, in ascending order, are equal; None: all faces of the scene."""
+    if faces is None or others is None:
+        return faces is others
+    return np.array_equal(faces, others)
+
+
+class OwnTree(NamedTuple):
+    """The latest tree that a tracer has built itself."""
+
+    triangles: Triangles  # all triangles of the scene
+    faces: NDArray[np.int32] | None  # (k,) int32, ascending: those in the tree; None: all
+    prepared: Any  # the tracer's form
+
+    def at(self, tracer: Tracer, triangles: Triangles, faces: NDArray[np.int32] | None) -> Any:
+        """The tree of these triangles, by the rule of the updater `refit`; None: a new one must be built."""
+        if not are_equal_faces(faces, self.faces):
+            return None
+        if triangles is self.triangles:
+            return self.prepared
+        try:
+            return tracer.refit(self.prepared, triangles, LIMIT)
+        except OutOfDeviceMemory:
+            return None  # there may be room for one tree
+
+
 class ExpectedRays(NamedTuple):
     """Estimated numbers of rays."""
 
     soon: int  # in the queries for which a tree is built
     later: int  # in later queries in the same tree
+    frames: int = 1  # with rays like those soon, and this frame among them
 
 
 NO_RAYS = ExpectedRays(0, 0)
@@ -136,6 +166,8 @@ class LearnedTrees:
         Those of the last tree: if the next tree has others, they move.
     updated : UpdatedTree or None
         The tree that is updated while triangles move; None: each time sample gets a new tree.
+    own : OwnTree or None
+        The latest tree that the tracer has built itself, which it refits while triangles move.
     """
 
     def __init__(self) -> None:
@@ -144,6 +176,7 @@ class LearnedTrees:
         self.seen: Triangles | None = None
         self.latest: Triangles | None = None
         self.updated: UpdatedTree | None = None
+        self.own: OwnTree | None = None
 
     def begin(self, expected: ExpectedRays) -> None:
         """Begin a frame or a point query."""

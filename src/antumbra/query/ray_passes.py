@@ -28,6 +28,9 @@ from .receivers import NOTHING, SHIFT
 SEED = 1
 """First part of the seeds of permutations that pair light samples with directions."""
 
+MAX_BOUNCES = 64
+"""Largest number of surfaces that light meets on a path."""
+
 
 class RayPass(NamedTuple):
     """One ray from each of m receivers, pixel by pixel and row by row."""
@@ -79,14 +82,16 @@ def diffuse_passes(lights: Sequence[Light], n: int, sampler: str, seed: int = 0)
     return _passes(directions, [_pass_samples(light, n, sampler, (SEED,), seed) for light in lights])
 
 
-def path_passes(lights: Sequence[Light], n: int, sampler: str, length: int, seed: int = 0) -> list[Passes]:
-    """The samples of n paths of `length` diffuse rays: the passes of each ray along the paths.
+def path_passes(
+    lights: Sequence[Light], n: int, sampler: str, length: int, seed: int = 0, first: int = 0
+) -> list[Passes]:
+    """The samples of n paths of `length` diffuse rays: the passes of each ray along the paths, from the `first` on.
 
     Each ray and light has shifts and a permutation of its own for each seed, so that the mean over seeds covers all
     combinations of samples along a path.
     """
     of_rays = []
-    for k in range(length):
+    for k in range(first, length):
         directions = domain_sets(n, sampler, "hemisphere", seed, k)
         directions = directions if k == 0 else _shuffled(directions, (SEED, k), seed)
         samples = [_pass_samples(light, n, sampler, (SEED, k, i), seed) for i, light in enumerate(lights)]

@@ -301,6 +301,16 @@ class ShadingNormals(NamedTuple):
     bend: np.ndarray  # (H, W) float32: sine of the height above their horizon where light ends
 
 
+class PixelMaterials(NamedTuple):
+    """The metallic-roughness parameters of pixels, for shading only."""
+
+    lobe: np.ndarray  # (H, W) bool: pixels that have a GGX lobe
+    metallic: np.ndarray  # (H, W) float32
+    roughness: np.ndarray  # (H, W) float32
+    occlusion: np.ndarray | None  # (H, W) float32: share of ambient light that arrives; None: 1
+    emission: np.ndarray | None  # (H, W, 3) float32: emitted radiance; None: 0
+
+
 class Surfaces(NamedTuple):
     """The surfaces that a picture's rays meet, and their triangles."""
 
@@ -310,6 +320,7 @@ class Surfaces(NamedTuple):
     box: np.ndarray | None = None  # (2, 3) float32: bounds of the whole scene; None: use the bounds of `triangles`
     albedo: np.ndarray | None = None  # (H, W, 3) float32: linear base colours; None: those of the faces
     shading: ShadingNormals | None = None  # None: shade with the geometric normals
+    materials: PixelMaterials | None = None  # None: all surfaces are diffuse
 
 
 def surfaces_of(gbuffer: GBuffer, triangles: Triangles) -> Surfaces:

@@ -28,7 +28,7 @@ from ..kernels.vec3 import get3
 from ..query.ray_list import HitArrays, RayArrays
 from ..query.ray_passes import RayPass
 from ..query.shadow_query import ShadowQuery, new_bits, patch_of, query_pointers, sample_of, set_bit
-from ..scene.alpha_masks import DARK, channels_of
+from ..scene.alpha_masks import DARK, Cutouts, channels_of
 from ..scene.materials import CLAMP, MIRROR
 from ..scene.triangle_setup import rows_with_area
 from ..scene.triangles import AllHits, Triangles
@@ -161,7 +161,7 @@ class CutoutTree(NamedTuple):
     texels: AlphaTexels
     channels: int  # number of values that tell how much light passes: 0, 1 or 3, see `channels_of`
     months: np.ndarray  # (12 or 0, r, 4) int32, see `Cutouts.months`
-    corners: np.ndarray  # (n, 9) float32: all triangles of the scene
+    corners: np.ndarray  # (n, 9) float32: all triangles of the scene; (1, 9): they are in a store
 
     def in_month(self, month: int | None) -> "CutoutTree":
         """The tree with the depths of a month, 0 to 11; None: those without a date."""
@@ -184,7 +184,17 @@ def cutout_tree(triangles: Triangles, threads: int | None = None) -> CutoutTree 
     cutouts = triangles.cutouts
     if cutouts is None or not len(cutouts.faces):
         return None
-    vertices = triangles.vertices[cutouts.faces]
+    return tree_of_cutouts(cutouts, triangles.vertices[cutouts.faces], triangles.vertices.reshape(-1, 9), threads)
+
+
+def tree_of_cutouts(
+    cutouts: Cutouts, vertices: NDArray[np.float32], corners: NDArray[np.float32], threads: int | None = None
+) -> CutoutTree:
+    """The `CutoutTree` of at least one cut-out.
+
+    vertices : (m, 3, 3), of the cut-outs
+    corners : as in `CutoutTree`
+    """
     areas = rows_with_area(vertices, thread_count(threads))
     bvh = binned_sah.build(vertices if areas is None else vertices[areas], threads)
     at = bvh.prim_ids if areas is None else areas[bvh.prim_ids]
@@ -192,7 +202,6 @@ def cutout_tree(triangles: Triangles, threads: int | None = None) -> CutoutTree 
     uv, mask = cutouts.uv[at].reshape(-1, 6), cutouts.mask[at]
     texels = AlphaTexels(uv, mask, cutouts.shapes, cutouts.first, cutouts.texels, cutouts.rows, cutouts.depths)
     channels = channels_of(cutouts.depths)
-    corners = triangles.vertices.reshape(-1, 9)
     return CutoutTree(bvh, block_tree(bvh, threads), texels, channels, cutouts.months, corners)
 
 
@@ -259,7 +268,7 @@ def add_shadows(tree: CutoutTree, query: ShadowQuery, bits: NDArray[np.uint64], 
 
 
 @kernel
-def _nearest(ticket, bvh, texels, rays, scene, out):
+def _nearest(ticket, bvh, texels, rays, scene, rows, out):
     tree, holes, corners = tree_of(bvh), texel_pointers(texels), ptr(scene)
     for i in items(ticket):
         o, d, skip = rays.origins[i], rays.directions[i], np.int64(rays.skip[i])
@@ -274,18 +283,28 @@ def _nearest(ticket, bvh, texels, rays, scene, out):
         if slot < 0:
             continue
         prim, best = get(tree.prim_ids, slot), np.int64(out.face[i])
-        if best < 0 or comes_first(ray, tree.corners, slot, prim, t, corners, best, best, out.t[i]):
+        if best < 0 or comes_first(ray, tree.corners, slot, prim, t, corners, np.int64(rows[i]), best, out.t[i]):
             u, v = single_weights(ray, tree.corners, slot)
             out.face[i], out.t[i], out.u[i], out.v[i] = prim, t, u, v
 
 
-def add_nearest(tree: CutoutTree, rays: LocalRays, out: HitArrays, threads: int | None = None) -> None:
+class SolidHits(NamedTuple):
+    """The triangles that rays hit, of a scene whose triangles are not all in memory."""
+
+    corners: NDArray[np.float32]  # (k, 9), k >= 1
+    rows: NDArray[np.int32]  # (m,): for each ray, the row of its triangle, or -1
+
+
+def add_nearest(
+    tree: CutoutTree, rays: LocalRays, out: HitArrays, threads: int | None = None, solid: SolidHits | None = None
+) -> None:
     """Replace hits by nearer hits on cut-outs.
 
     out : face, t, u and v of the nearest solid triangles; face -1 and t inf on a miss
+    solid : None: all triangles are in `tree.corners`
     """
-    ticket = new_ticket(len(rays.origins), 1024)
-    run(_nearest, thread_count(threads), ticket, tree.bvh, tree.texels, rays, tree.corners, out)
+    ticket, of = new_ticket(len(rays.origins), 1024), solid or SolidHits(tree.corners, out.face)
+    run(_nearest, thread_count(threads), ticket, tree.bvh, tree.texels, rays, of.corners, of.rows, out)
 
 
 def replace_by_cutouts(
@@ -305,16 +324,30 @@ def _hits(face: np.ndarray, t: np.ndarray) -> HitArrays:
 
 
 def add_hits(
-    tree: CutoutTree, rays: RayArrays, cull_faces: int, any_hit: bool, out: HitArrays, threads: int | None = None
+    tree: CutoutTree,
+    rays: RayArrays,
+    cull_faces: int,
+    any_hit: bool,
+    out: HitArrays,
+    threads: int | None = None,
+    may_meet: NDArray[np.bool_] | None = None,
 ) -> None:
-    """Add hits on cut-outs to the hits of a checked ray list on solid triangles."""
-    if not any_hit:
-        add_nearest(tree, local_rays(rays, cull_faces), out, threads)
-        return
-    free = np.flatnonzero(~out.blocked)
-    hits = _hits(np.full(len(free), -1, np.int32), np.full(len(free), np.inf))
-    add_nearest(tree, local_rays(rays.part(free), cull_faces), hits, threads)
-    out.blocked[free] = hits.face >= 0
+    """Add hits on cut-outs to the hits of a checked ray list on solid triangles.
+
+    may_meet : (n,) bool, false for rays that meet no cut-out, whether or not in a hole; None: all may meet one
+    """
+    asks = ~out.blocked if any_hit else np.ones(len(out.face), np.bool_)
+    some = np.flatnonzero(asks if may_meet is None else asks & may_meet)
+    if any_hit:
+        hits = _hits(np.full(len(some), -1, np.int32), np.full(len(some), np.inf))
+    else:
+        hits = HitArrays(out.blocked, *(each[some] for each in out[1:]))
+    add_nearest(tree, local_rays(rays.part(some), cull_faces), hits, threads)
+    if any_hit:
+        out.blocked[some] = hits.face >= 0
+    else:
+        for each, found in zip(out[1:], hits[1:]):
+            each[some] = found
 
 
 @kernel

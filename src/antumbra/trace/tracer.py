@@ -14,6 +14,7 @@ from ..base.progress import ProgressCallback
 from ..bvh.block_tree import block_tree
 from ..bvh.wide_bvh import widen
 from ..query.shadow_query import ShadowQuery
+from ..scene.triangles import Triangles
 from .tracer_cost import Cost, TreelessCost
 
 Counters = NDArray[np.int64]
@@ -72,6 +73,8 @@ class Tracer:
         Its predicted time, for the plan `auto`; None: `auto` never chooses it.
     device : str or None
         Where it traces, such as ``"cuda:0"``; None: on the processor. Its form may be in the memory of the device.
+    builders : tuple of str
+        The builders that it runs itself, where it traces.
     """
 
     description: str
@@ -79,6 +82,7 @@ class Tracer:
     form: Form = BVH
     cost: Cost | TreelessCost | None = None
     device: str | None = None
+    builders: tuple[str, ...] = ()
 
     @property
     def builds(self) -> bool:
@@ -115,6 +119,23 @@ class Tracer:
     def prepare(self, geometry: Any, threads: int | None = None) -> Any:
         """The tracer's form of a `Bvh`, or of a `Soup` if its form is TRIANGLES."""
         return geometry if self.form.make is None else self.form.make(geometry, threads)
+
+    def build(self, builder: str, triangles: Triangles, faces: NDArray[np.int32] | None, segments: Any = None) -> Any:
+        """The form of a new tree by one of `builders`, as `prepare` makes it of a finished one.
+
+        triangles : Triangles
+            All triangles of the scene.
+        faces : (k,) int32, ascending: those in the tree; None: all
+        segments : a `techniques.culling.pre_bvh_culling.BoundedSegments`; only faces that they can meet are in the tree
+        """
+        raise NotImplementedError
+
+    def refit(self, prepared: Any, triangles: Triangles, limit: float) -> Any:
+        """The form of a tree from `build`, refitted to moved triangles; None: a new tree must be built.
+
+        limit : the maximum SAH cost, relative to that of the tree when it was built
+        """
+        return None
 
     def trace(
         self,

@@ -91,6 +91,7 @@ class Cost(NamedTuple):
     tried: float = LIKELY  # the multiple of the least cost up to which it is tried; above LIKELY: rates are unreliable
     reference: float | None = None  # of `engine.calibration.ray_times` where `rate` was fitted; None: not calibrated
     load: float = 0.0  # seconds to load its kernels; above 0: only for queries that pay for it, and only after a trial
+    guided: float = 1.0  # time in a tree by `srdh`, relative to one by `bsah`; above 1: `bsah` may be worth building
     saving: float = 0.0  # share of the time of other tracers that it is expected to save, which pays for `load`
 
     @property

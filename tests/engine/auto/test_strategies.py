@@ -92,6 +92,27 @@ def test_frusta_of_light_samples_are_not_chosen_without_a_trial(scene, monkeypat
     assert auto.choices[0].reason == "prediction" and auto.choices[0].strategy != "multifrusta:by-sample"
 
 
+@pytest.mark.parametrize("cached", [True, False])
+def test_a_large_tree_is_read_from_memory_before_strategies_are_compared_in_it(scene, monkeypatch, cached):
+    """The first run of a trial in it says little about a strategy; small trees are in the cache anyway."""
+    runs = []
+
+    def measure(name, *arguments):
+        runs.append(name)
+        return {"packet16": 10.0, "packet16:samples": 20.0}.get(name, 1e3) * (6.0 if len(runs) == 1 else 1.0)
+
+    monkeypatch.setattr(strategies, "_rate_of", measure)
+    monkeypatch.setattr(strategies, "TRIAL_SHARE", 1e9)
+    monkeypatch.setattr(strategies, "_CACHED_TREE", 1_000_000 if cached else 1_000)
+    monkeypatch.setattr(strategies, "worth_loading", lambda names, seconds: ["packet16", "packet16:samples"])
+    monkeypatch.setattr(strategies, "predicted_rate", lambda name, facts: {"packet16": 1e-7}.get(name, 1.1e-7))
+    triangles, query = query_of(scene, scene.cameras[0].resized(96, 80), LAMP, 16)
+    auto = strategies.AutoState(BUILDERS["lbvh"].build(triangles.vertices, 2), 2)
+    strategies.AutoTracer().trace(auto, query, np.zeros((80, 96, 1), np.uint64), 2)
+    assert runs[0] == "packet16"
+    assert auto.choices[0].strategy == ("packet16:samples" if cached else "packet16")
+
+
 def test_strategies_are_tried_again_once_another_is_loaded(scene, monkeypatch):
     """The rates of earlier queries are those of the strategies that were there."""
     tried = _measured_fastest(monkeypatch, "multifrusta:by-sample")
@@ -104,7 +125,40 @@ def test_strategies_are_tried_again_once_another_is_loaded(scene, monkeypatch):
         strategies.AutoTracer().trace(auto, query, np.zeros((80, 96, 1), np.uint64), 2)
         chosen.append((auto.choices[0].reason, auto.choices[0].strategy == "multifrusta:by-sample"))
     assert chosen == [("sample", False), ("earlier query", False), ("sample", True), ("earlier query", True)]
-    assert tried.count("multifrusta:by-sample") == 1
+    assert tried.count("multifrusta:by-sample") == 2  # both runs of one trial
+
+
+@pytest.mark.parametrize("faster", [True, False])
+def test_a_tree_for_packets_gives_way_where_frusta_of_light_samples_are_faster_without_it(scene, monkeypatch, faster):
+    """Once queries have missed what another tree costs; it is built once, and kept if a sample is faster in it."""
+    triangles, query = query_of(scene, scene.cameras[0].resized(96, 80), SKY, 16)
+    built, rates = [], {"packet16": 50.0, "multifrusta:by-sample": 76.0}
+
+    def plain():
+        built.append(BUILDERS[GOOD].build(triangles.vertices, 2))
+        return built[-1]
+
+    guided = BUILDERS["lbvh"].build(triangles.vertices, 2)
+    sampled = lambda strategy, forms, *more: 50.0 if forms.bvh is guided else 40.0 if faster else 60.0
+    monkeypatch.setattr(strategies, "sampled_rate", sampled)
+    price = cost_model.build_seconds(GOOD, len(triangles.vertices))
+    auto = strategies.AutoState(guided, 2, builder=GUIDED, plain=plain)
+    for seconds in (1.0 * price, 2.0 * price):  # a fifth of which could be saved: 76 / 1.9 = 40
+        auto.reconsider(query, rates, seconds, 2)
+        assert auto.forms.bvh is guided and not built
+    for _ in range(3):
+        auto.reconsider(query, rates, 5.0 * price, 2)
+    assert len(built) == 1 and auto.builder == (GOOD if faster else GUIDED)
+    assert auto.forms.bvh is (built[0] if faster else guided)
+
+
+def test_no_other_tree_is_built_where_packets_are_far_ahead(scene):
+    triangles, query = query_of(scene, scene.cameras[0].resized(24, 20), SKY, 16)
+    bvh = BUILDERS["lbvh"].build(triangles.vertices, 2)
+    auto = strategies.AutoState(bvh, 2, builder=GUIDED, plain=lambda: pytest.fail("it is built"))
+    auto.reconsider(query, {"packet16": 50.0, "multifrusta:by-sample": 100.0}, 1e9, 2)
+    auto.reconsider(query, {}, 1e9, 2)
+    assert auto.builder == GUIDED
 
 
 @pytest.mark.parametrize("spp", [1, 70])
@@ -123,6 +177,7 @@ def test_scattered_points_are_sorted_and_get_their_own_bits(scene, monkeypatch, 
 def test_a_sample_decides_among_likely_strategies_and_the_next_frame_remembers(scene, monkeypatch):
     monkeypatch.setattr(strategies, "TRIAL_SHARE", 1e9)
     monkeypatch.setattr(strategies, "MAX_CONVERSION_SHARE", 1e9)
+    monkeypatch.setattr(strategies, "_CHANGE", 1e9)  # on a busy machine, a query may take a multiple of its sample
     monkeypatch.setattr(strategies, "predicted_rate", lambda name, facts: 1e-7)
     renderer, camera = Renderer(scene), scene.cameras[0].resized(160, 120)
     first = renderer.render(camera, [LAMP], spp=16)
@@ -192,10 +247,12 @@ def test_elapsed_time_of_a_device_counts_for_all_threads(scene, monkeypatch):
 
 def test_a_kept_tree_is_converted_once_queries_have_taken_long(scene, monkeypatch):
     """A conversion that does not pay for one query pays for many."""
-    for limit in "TRIAL_SHARE", "KEPT_TRIAL_SHARE", "MAX_TRIED":
+    for limit in "TRIAL_SHARE", "KEPT_TRIAL_SHARE", "MAX_TRIED", "_CHANGE":
         monkeypatch.setattr(strategies, limit, 1 << 30)
     monkeypatch.setattr(kernel_loads.TRACER_LOADS, "pays", lambda method, gain, load: True)
     monkeypatch.setattr(strategies, "predicted_rate", lambda name, facts: 1e-7)
+    ticks = itertools.count()
+    monkeypatch.setattr(strategies, "_clock", lambda tracer, threads: 2e-3 * next(ticks))  # equally fast at any load
     triangles, query = query_of(scene, scene.cameras[0].resized(96, 80), LAMP, 16)
     auto, tried = strategies.AutoState(BUILDERS["lbvh"].build(triangles.vertices, 2), 2), []
     seconds = 1e-7 * strategies.features_of(query, *auto.forms.extent).rays  # of a query

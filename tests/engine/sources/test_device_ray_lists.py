@@ -6,14 +6,22 @@ import numpy as np
 import pytest
 
 from antumbra.base.errors import InputError
+from antumbra.bvh import binned_sah, lbvh
 from antumbra.engine.engine import Engine
+from antumbra.engine.sources import device_ray_lists
 from antumbra.engine.sources.device_ray_lists import REBUILD
-from antumbra.trace.device.device_tree import DeviceTree
+from antumbra.trace.device import device_tracer as device_tracer_module
+from antumbra.trace.device.device_tree import UploadedTree
+from antumbra.trace.device.tree_build import BuiltTree
 from cutout_scenes import scene_with_cutouts
 from devices import device_plans
 from truths import soup_scene
 
 PLANS = device_plans(text=True)
+UPLOADED, BUILT = (
+    pytest.mark.parametrize("plan", [plan for plan in PLANS if plan.values[0].startswith(builder)])
+    for builder in ("bsah", "lbvh")
+)
 
 
 def rays_in(scene, n, seed=1):
@@ -54,10 +62,10 @@ def test_invalid_rays_are_refused_as_on_the_cpu(change, message):
             engine.occluded(**{"origins": np.zeros((3, 3)), "directions": np.ones(3)} | change)
 
 
-@pytest.mark.parametrize("plan", PLANS)
+@UPLOADED
 def test_moved_triangles_are_refitted_on_the_device_until_a_new_tree_pays(plan, monkeypatch):
-    scene, rng, moves, move = soup_scene(4), np.random.default_rng(2), [], DeviceTree.move
-    monkeypatch.setattr(DeviceTree, "move", lambda *arguments: moves.append(1) or move(*arguments))
+    scene, rng, moves, move = soup_scene(4), np.random.default_rng(2), [], UploadedTree.move
+    monkeypatch.setattr(UploadedTree, "move", lambda *arguments: moves.append(1) or move(*arguments))
     engine, trees = Engine(scene, plan), []
     world = scene.triangles().vertices + scene.origin
     for amount in (0.0, 0.01, 0.01, 3.0, 0.01):
@@ -71,6 +79,28 @@ def test_moved_triangles_are_refitted_on_the_device_until_a_new_tree_pays(plan, 
     assert len(moves) == 2 and REBUILD > 1.0
 
 
+@BUILT
+def test_moved_triangles_are_refitted_where_the_tree_was_built_and_never_on_the_cpu(plan, monkeypatch):
+    scene, rng, trees, builds = soup_scene(4), np.random.default_rng(2), [], []
+    world = scene.triangles().vertices + scene.origin
+    engine, tracer = Engine(scene, plan), device_tracer_module.DeviceTracer
+    build = tracer.build
+    monkeypatch.setattr(tracer, "build", lambda *arguments: builds.append(len(trees)) or build(*arguments))
+    for amount in (0.001, 0.001, 0.001, 3.0, 0.001):  # the first gives all triangles an area
+        world = world + rng.normal(0, amount, world.shape)
+        scene.update(world)
+        with monkeypatch.context() as without:
+            for method in binned_sah, lbvh:
+                without.setattr(method, "build", None)
+            without.setattr(device_ray_lists, "refit_faces", None)
+            ours = engine.occluded(*rays_in(scene, 200))
+        np.testing.assert_array_equal(ours, scene.occluded(*rays_in(scene, 200)))
+        trees.append(engine._device_rays._ready.accelerated)
+        assert trees[-1].bvh is None and isinstance(trees[-1].prepared.tree, BuiltTree)
+    check(engine, scene)
+    assert builds == [0, 3]  # until a refit cost more than LIMIT
+
+
 @pytest.mark.parametrize("plan", PLANS)
 def test_a_query_keeps_the_triangles_from_before_an_update(plan):
     """Point queries share the first tree of ray lists, which an update must not change under them."""
@@ -78,10 +108,10 @@ def test_a_query_keeps_the_triangles_from_before_an_update(plan):
     engine = Engine(scene, plan)
     check(engine, scene)
     before = engine.accelerated()
-    nodes = before.prepared.tree._nodes.read(np.empty_like(before.bvh.nodes))
+    nodes = before.prepared.tree.nodes.read(np.empty_like(before.prepared.tree.bvh.nodes))
     scene.update(scene.triangles().vertices + scene.origin + 0.125)
     check(engine, scene)
-    np.testing.assert_array_equal(before.prepared.tree._nodes.read(np.empty_like(nodes)), nodes)
+    np.testing.assert_array_equal(before.prepared.tree.nodes.read(np.empty_like(nodes)), nodes)
 
 
 @pytest.mark.parametrize("plan", PLANS)

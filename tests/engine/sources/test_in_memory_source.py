@@ -89,3 +89,33 @@ def test_only_one_call_waits_for_a_better_tree(scene):
         assert found and lists.plan == FIRST
     found.append(scene.occluded(*rays))
     assert lists.plan == BETTER and all(np.array_equal(each, expected) for each in found)
+
+
+def _dome(shares, n=400):
+    """A room with walls of glass, triangle by triangle: random faces, each with one of the shares of light."""
+    rng = np.random.default_rng(5)
+    faces = (rng.uniform(-3, 3, (n, 1, 3)) + rng.normal(0, 0.5, (n, 3, 3))).astype(np.float32)
+    parts = [at.Scene.from_arrays(faces[k :: len(shares)], name=f"part{k}") for k in range(len(shares))]
+    scene = parts[0]
+    for part in parts[1:]:
+        scene = at.changed_scene(scene, add=[(part, (0, 0, 0))])
+    scene.set_transmittance({f"part{k}": share for k, share in enumerate(shares)})
+    return scene
+
+
+@pytest.mark.parametrize("shares", [(0.0, 0.2, 0.4), (0.0, 0.3, 0.9), (0.2, 0.2), (0.8, 0.1)])
+def test_panes_that_rays_meet_everywhere_are_solid_for_them_and_answers_are_those_of_their_faces(shares):
+    scene, (origins, directions) = _dome(shares), _rays()
+    drawn = scene.triangles(0.0)
+    met = np.flatnonzero(np.array(shares)[scene.object_of_face[np.arange(scene.n_triangles)]] <= 0.5)
+    opaque = at.Scene.from_arrays(drawn.vertices[met] + drawn.origin)
+    hit, want = scene.closest_hit(origins, directions), opaque.closest_hit(origins, directions)
+    assert (hit.face == np.append(met, -1)[want.face]).all() and hit.mask.mean() > 0.1
+    assert (scene.occluded(origins, directions) == opaque.occluded(origins, directions)).all()
+    assert (scene.count_hits(origins, directions) == opaque.count_hits(origins, directions)).all()
+    rays = scene.engine.source.ray_lists
+    assert (rays._ready.accelerated.cutouts is None) == (max(shares) <= 0.5)
+    moved = drawn.vertices + drawn.origin + np.float32(0.25)
+    scene.update(moved.reshape(-1, 3))
+    hit, want = (each.closest_hit(origins, directions) for each in (scene, at.Scene.from_arrays(moved[met])))
+    assert (hit.face == np.append(met, -1)[want.face]).all() and hit.mask.mean() > 0.1

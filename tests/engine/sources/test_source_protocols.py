@@ -29,6 +29,7 @@ ARGUMENTS_OF_USERS = {  # a scene, as opposed to the path of one, or to a mesh o
     ("engine/store_building.py", "_scene_data"),
     ("baking/bake_input.py", "bake_source"),
     ("city/changes/scene_changes.py", "_in_memory"),
+    ("city/skyline/skyline.py", "_trees"),
 }
 
 
@@ -138,7 +139,9 @@ def test_data_and_engines_say_what_they_offer(tmp_path):
         assert (source.geometry is not None) == (source.fixed is None) == (kind in ("memory", "terrain"))
         assert (source.memory is not None) == (data.sampled_faces() is None) == (kind == "store")
         if kind == "store":
-            with pytest.raises(at.InputError, match="never all in memory"):
+            with pytest.raises(
+                at.InputError, match="a store cannot be used for this; use the file that it was built from"
+            ):
                 data.check_resident()
         else:
             data.check_resident()

@@ -8,6 +8,7 @@ from antumbra.devices.host.ptx_programs import PtxProgram
 from antumbra.kernels.toolchain.device_code import FORMS
 from antumbra.kernels.toolchain.kernel_manifest import package_manifest
 from antumbra.kernels.toolchain.rounding_checks import check_rounding
+from antumbra.techniques.culling import device_culling  # noqa: F401, it adds kernels
 from antumbra.trace.device.device_kernels import KERNELS
 
 NAMES = pytest.mark.parametrize("name", KERNELS)

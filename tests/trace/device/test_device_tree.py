@@ -54,9 +54,9 @@ def test_a_refit_on_the_device_gives_the_boxes_of_one_on_the_cpu(tracer):
         vertices = (vertices + rng.normal(0, 0.5, vertices.shape)).astype(np.float32)
         moved = refit(bvh, vertices)
         tracer.move(tree, moved, vertices)
-        nodes = tree._nodes.read(np.empty_like(moved.nodes))
+        nodes = tree.nodes.read(np.empty_like(moved.nodes))
         np.testing.assert_array_equal(nodes, moved.nodes)
-        words = tree._triangles.read(np.empty((len(vertices), TRIANGLE), np.float32))
+        words = tree.triangles.read(np.empty((len(vertices), TRIANGLE), np.float32))
         np.testing.assert_array_equal(words, device_triangles(moved))
     assert tree.bvh is moved and tree.reach == reach_of_root(moved.nodes[0])
 

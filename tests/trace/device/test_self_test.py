@@ -8,7 +8,9 @@ import pytest
 import forked
 from antumbra.devices.device import DeviceError
 from antumbra.devices.device_list import open_device
+from antumbra.devices.host.host_device import HostDevice
 from antumbra.trace.device import self_test
+from antumbra.trace.device.build_kernels import BUILD_KERNELS
 from antumbra.trace.device.device_kernels import KERNELS
 from antumbra.trace.device.self_test import check_device, open_tested, run_self_test
 from devices import DEVICES, opened
@@ -85,6 +87,19 @@ def test_right_code_passes(name):
 def test_altered_instructions_are_seen(monkeypatch):
     """Not all: many only end a search earlier, or widen a bound, so that the CPU decides more."""
     assert any(seen(["trace_any", "trace_nearest", "settle_nearest", "report_hits"], 3, monkeypatch))
+
+
+def test_an_altered_build_is_seen(monkeypatch):
+    assert any(seen(["make_grid", "bound_nodes"], 3, monkeypatch))
+
+
+def test_every_kernel_of_a_build_takes_part(monkeypatch):
+    launched, launch = set(), HostDevice._launch
+    monkeypatch.setattr(HostDevice, "_launch", lambda self, module, *rest: (
+        launched.add(module.entry), launch(self, module, *rest)
+    ))  # fmt: skip
+    run_self_test(open_device("host"))
+    assert {kernel.code("ptx").entry for kernel in BUILD_KERNELS.values()} <= launched
 
 
 @pytest.mark.slow

@@ -26,7 +26,7 @@ def scene():
 
 
 @pytest.mark.parametrize("facing", [0, 1])
-@pytest.mark.parametrize("spp", [1, 5, 16, 37])
+@pytest.mark.parametrize("spp", [1, 3, 5, 16, 37])
 @pytest.mark.parametrize("light", LIGHTS)
 def test_bits_are_those_of_single_rays(scene, light, spp, facing):
     triangles, query = query_of(scene, scene.cameras[0].resized(43, 30), LIGHTS[light], spp)
@@ -37,11 +37,12 @@ def test_bits_are_those_of_single_rays(scene, light, spp, facing):
         np.testing.assert_array_equal(answer(Plan(trace=name), triangles, query), truth)
 
 
-def test_receivers_in_a_row_have_the_bits_of_single_rays(scene):
+@pytest.mark.parametrize("spp", [2, 16])
+def test_receivers_in_a_row_have_the_bits_of_single_rays(scene, spp):
     points = np.random.default_rng(4).uniform((-6, 0.1, -4), (6, 5, 4), (501, 3))
-    truth = at.visibility(scene, points, LIGHTS["wide overhead"], spp=16, plan="bsah+single").bits
+    truth = at.visibility(scene, points, LIGHTS["wide overhead"], spp=spp, plan="bsah+single").bits
     for name in NAMES:
-        found = at.visibility(scene, points, LIGHTS["wide overhead"], spp=16, plan=f"bsah+{name}").bits
+        found = at.visibility(scene, points, LIGHTS["wide overhead"], spp=spp, plan=f"bsah+{name}").bits
         np.testing.assert_array_equal(found, truth)
     assert 0 < np.count_nonzero(truth) < len(points)
 
@@ -55,6 +56,16 @@ def test_the_rays_of_a_tile_share_nodes():
         answer(parse_plan(f"bsah+{name}"), triangles, query, counters=counters)
         nodes[name] = as_dict(counters)["nodes"]
     assert nodes["wide:samples"] < nodes["wide"] < nodes["packet16"] / 2
+
+
+def test_single_samples_of_neighbouring_tiles_share_nodes():
+    scene, nodes = at.procedural("atrium", triangles=10_000), {}
+    triangles, query = query_of(scene, scene.cameras[0].resized(64, 48), at.PointLight((0, 7, 0)), 1)
+    for name in ("wide", "packet16"):
+        counters = new_counters()
+        answer(parse_plan(f"bsah+{name}"), triangles, query, counters=counters)
+        nodes[name] = as_dict(counters)["nodes"]
+    assert 0 < nodes["wide"] < nodes["packet16"] / 8
 
 
 def test_both_are_strategies_of_one_form():

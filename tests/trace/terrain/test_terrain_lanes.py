@@ -7,35 +7,16 @@ from hypothesis import strategies as st
 
 import antumbra as at
 from antumbra.engine.sources import terrain_shadows
-from antumbra.query.light_samples import light_samples
-from antumbra.query.query_bounds import place, reach_of
-from antumbra.query.receivers import Receivers
-from antumbra.query.shadow_query import ShadowQuery, new_bits
+from antumbra.query.shadow_query import new_bits
 from antumbra.trace.terrain.terrain_lanes import trace_stencils
 from antumbra.trace.terrain.terrain_rays import terrain_tree
 from antumbra.trace.terrain.terrain_stencils import NO_SURFACE, ROW_PAD, relief_of, stencils_of
 from strength import examples
-from terrain_scenes import rasters, scene_of
+from terrain_scenes import cells_of, query_of, rasters, scene_of, suns
 
 PLACE = (2.0, 0.0, 84000.0, 0.0, -3.0, 446000.0)
 TREE = "bsah+wide"
 HEIGHTS = rasters(26, 45, [0.0, 0.0, 0.0, 0.25, 1.0, 3.0, 9.0, np.nan])
-ALONG = [(1, 0), (0, 1), (-1, 0), (0, -1), (2, 3), (-2, 3), (2, -3), (-2, -3), (4, 3), (1e-9, 1), (1, -1e-9)]
-
-
-def cells_of(scene):
-    """(n, 3): the cells of an oblong raster, row by row; the lowest height where there is none."""
-    surface = scene.data.source.surface
-    east, north = np.meshgrid(surface.grid.eastings(), surface.grid.northings())
-    heights = np.where(np.isnan(surface.heights), scene.bounds[0, 2], surface.heights)
-    return np.stack([east, north, heights], -1).reshape(-1, 3)
-
-
-def suns(random, n):
-    """Directions towards suns, some along the axes and the diagonals of the grid."""
-    level = np.concatenate([np.array(ALONG, np.float64), random.normal(size=(n, 2))])
-    level /= np.linalg.norm(level, axis=1, keepdims=True)
-    return np.column_stack([level, random.choice([0.01, 0.1, 0.3, 1.0, 4.0], len(level))])
 
 
 @examples(120)
@@ -63,19 +44,6 @@ def test_bits_are_those_of_trees_on_rough_hills(seed, roughness, holes):
     up = np.broadcast_to((0.0, 0.0, 1.0), cells.shape)
     bits, trees = (at.visibility(scene, cells, lights, up, plan=plan) for plan in (None, TREE))
     assert (bits.bits == trees.bits).all() and 0.01 < bits.seen_samples.mean() < 0.99
-
-
-def query_of(scene, lights):
-    """The tree of a raster, and the shadow query of its cells."""
-    tree = terrain_tree(scene.data.source.surface, scene.origin)
-    cells = cells_of(scene)
-    up = np.broadcast_to((0.0, 0.0, 1.0), cells.shape)
-    origins, sides, normals = Receivers.of(cells, up, scene.origin)
-    box = (scene.bounds - scene.origin).astype(np.float32)
-    patch = place(lights, scene.origin, box, reach_of(box, origins, 1))
-    faces = np.full(sides.shape, -1, np.int32)
-    sets = light_samples(lights, 1)
-    return tree, ShadowQuery(origins, faces, sides, normals, np.empty((0, 9), np.float32), patch, sets, 0, faces)
 
 
 @pytest.mark.parametrize("holes", [0, 30])

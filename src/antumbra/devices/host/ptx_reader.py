@@ -36,6 +36,7 @@ _KERNEL = re.compile(r"\.visible \.entry (\w+)\((.*?)\)\s*((?:\.\w+ [\d, ]+\s*)*
 _HEAD = re.compile(r"\s*(?:\.(?:version|target|address_size) \S+\s+)*")
 _PARAMETER = re.compile(r"\s*\.param \.u64 (\w+)\s*")
 _MEMORY = re.compile(r"\.(local|shared) \.align \d+ \.b8\s+(\w+)\[(\d+)\];")
+_HINT = '.pragma "nounroll";'  # to the driver's compiler, about a loop
 _REGISTERS = re.compile(r"\.reg \.(\w+)\s+%(\w+)(?:<(\d+)>)?;")
 _LABEL = re.compile(r"(\$?\w+):")
 _INSTRUCTION = re.compile(r"(?:@(!?)(%\w+)\s+)?([a-z][\w.]*)\s*([^;]*);")
@@ -84,6 +85,8 @@ def _read_line(line: str, kernel: PtxKernel) -> None:
         kind, name, count = registers.groups()
         names = [name] if count is None else [f"{name}{k}" for k in range(int(count))]
         kernel.registers.update({f"%{each}": bits_of(kind) for each in names})
+    elif line == _HINT:
+        return
     elif label := _LABEL.fullmatch(line):
         kernel.instructions.append(Instruction(line, (), (label[1],)))
     else:

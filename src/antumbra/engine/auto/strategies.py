@@ -27,6 +27,7 @@ from ...trace.tracer import ANY, TRACERS, Bits, Box, Counters, Form, Tracer, Tra
 from ...trace.tracer_cost import QueryFeatures
 from .cost_model import (
     GOOD,
+    GUIDED,
     QUICK,
     build_seconds,
     choose_builder,
@@ -134,14 +135,15 @@ def answer_query(
 
 # --- choice -----------------------------------------------------------------------------------------------------------
 
-TRIAL_SHARE = 0.04  # maximum cost of a trial, relative to the predicted cost of the queries since the last one
-KEPT_TRIAL_SHARE = 0.12  # the same where one of them has to be loaded, as only queries of kept trees do
+TRIAL_SHARE = 0.04  # maximum cost of a run of a trial, relative to the predicted cost of the queries since the last one
+KEPT_TRIAL_SHARE = 0.12  # the same where one of them is loaded, as only queries of kept trees do
 MAX_CONVERSION_SHARE = 0.1  # maximum cost of a tree conversion for a try, relative to the least predicted cost
 KEPT_CONVERSION_SHARE = 0.4  # the same for each further query in the tree
 MAX_TRIED = 6  # strategies
+_CACHED_TREE = 200_000  # triangles of a tree that is still in a processor's cache when a trial begins
 _MIN_SAMPLE_SECONDS = 8e-4  # a call alone costs a tenth of this
 _SAMPLE_RAYS = 1 << 13  # of `sampled_rate`
-_SAMPLE_TRIANGLES, _NEIGHBOURS, _CANDIDATE_WINDOWS = 4096, 4, 32  # of `sampled_candidates`; in runs of neighbours
+_SAMPLE_TRIANGLES, _NEIGHBOURS, _CANDIDATE_WINDOWS = 1024, 4, 16  # of `sampled_candidates`; in runs of neighbours
 _MAX_SAMPLE_SHARE = 0.1  # maximum share of the receivers in the sample
 _MIN_WINDOWS = 4  # of the sample
 _WINDOW = 256  # receivers per window
@@ -325,7 +327,9 @@ def try_strategies(
     repeats, served : as for `choose_strategy`
     """
     names, least = worth_trying(cost, conversion, served), min(cost.values())
-    share = KEPT_TRIAL_SHARE if any(cost_of(name).load for name in names) else TRIAL_SHARE
+    kept = any(cost_of(name).load for name in names)
+    share = KEPT_TRIAL_SHARE if kept else TRIAL_SHARE
+    runs = 2 if kept or forms.triangles > _CACHED_TREE else 1  # a first run also reads the tree from memory
     window = least * _WINDOW / max(features.receivers, 1) * min(1.0, STRATA / features.samples) + 1e-30  # seconds
     budget, shortest = share * least * repeats, max(_MIN_SAMPLE_SECONDS / window, _MIN_WINDOWS)
     count = min(len(names), MAX_TRIED, int(budget / (shortest * window)))
@@ -338,16 +342,19 @@ def try_strategies(
         risky, least = cost_of(name).is_risky, min(rates.values(), default=1e30)
         if risky and _rate_of(name, forms, first, threads) > _HOPELESS * least:
             continue
-        rates[name] = _rate_of(name, forms, sample, threads)
+        rates[name] = min(_rate_of(name, forms, sample, threads) for _ in range(runs))
     return rates
 
 
-def sampled_rate(strategy: str, forms: TreeForms, query: ShadowQuery, threads: int) -> float:
+def sampled_rate(strategy: str, forms: TreeForms, query: ShadowQuery, threads: int, share: float = 0.0) -> float:
     """Nanoseconds per ray of a strategy, measured on a few windows of the query: the better of two runs.
+
+    share : of the receivers that the windows have at least
 
     The first run reads the tree from memory, and may take three times as long per ray as the whole query does.
     """
     windows = max(_MIN_WINDOWS, _SAMPLE_RAYS // (_WINDOW * min(query.samples.shape[1], STRATA)))
+    windows = max(windows, ceil(share * query.sides.size / _WINDOW))
     sample = sample_of(query, windows)
     return min(_rate_of(strategy, forms, sample, threads) for _ in range(2))
 
@@ -416,7 +423,9 @@ class AutoState(TracerState):
     builder : str or None
         Name of the tree's builder in `cost_model`, if the plan chose the builder, too.
     upgrade : TreeUpgrade, optional
-        None: the tree is never replaced.
+        None: the tree is never replaced by a better one for a query.
+    plain : function, optional
+        Builds a GOOD tree of the same triangles, which may replace a GUIDED one.
     extent : SceneExtent, optional
         Of the scene, if culling has left only a part of its triangles in the tree.
     """
@@ -428,10 +437,12 @@ class AutoState(TracerState):
         memory: StrategyMemory | None = None,
         builder: str | None = None,
         upgrade: TreeUpgrade | None = None,
+        plain: Callable[[], Bvh] | None = None,
         extent: SceneExtent | None = None,
     ) -> None:
         self.forms, self.memory = TreeForms(bvh, thread_count(threads), extent), memory or StrategyMemory()
-        self.builder, self._upgrade = builder, upgrade
+        self.builder, self._upgrade, self._plain = builder, upgrade, plain
+        self._missed = 0.0  # seconds that queries would have gained in a GOOD tree instead of a GUIDED one
         self._served: dict[Key, int] = {}
 
     def begin(self) -> None:
@@ -454,9 +465,36 @@ class AutoState(TracerState):
         if not choice.tried and self.upgrade_pays(strategy, seconds * PREDICTION_ERROR):
             seconds = 1e-9 * sampled_rate(strategy, self.forms, query, threads) * choice.rays
         if self.upgrade_pays(strategy, seconds):
-            bvh, self.builder = self._upgrade.build(query)
-            self.forms, self._upgrade = TreeForms(bvh, self.forms.threads, self.forms.extent), None
-            self._served = {}
+            self._replace(*self._upgrade.build(query))
+            self._upgrade = None
+
+    def _replace(self, bvh: Bvh, builder: str | None) -> None:
+        """Trace later queries in another tree of the same triangles."""
+        self.forms, self.builder = TreeForms(bvh, self.forms.threads, self.forms.extent), builder
+        self._served = {}
+
+    def reconsider(self, query: ShadowQuery, rates: dict[str, float], seconds: float, threads: int) -> None:
+        """Replace a GUIDED tree by a GOOD one, if a strategy that prefers it is then the fastest on a sample.
+
+        By the ski-rental rule, it is built once queries would have gained what it costs.
+
+        rates : measured in this tree
+        seconds : of the query
+        """
+        if self._plain is None or self.builder != GUIDED or not rates:
+            return
+        fastest, n = min(rates, key=rates.__getitem__), self.forms.triangles
+        in_good = {name: rate / cost_of(name).guided for name, rate in rates.items()}
+        name = min(in_good, key=in_good.__getitem__)
+        self._missed += max(1.0 - in_good[name] / rates[fastest], 0.0) * seconds
+        if self._missed > build_seconds(GOOD, n) + form_seconds(name, n):
+            bvh, self._plain = self._plain(), None
+            good = TreeForms(bvh, self.forms.threads, self.forms.extent)
+            there, here = (
+                sampled_rate(*each, query, threads, _MAX_SAMPLE_SHARE) for each in ((name, good), (fastest, self.forms))
+            )
+            if there < here:
+                self._replace(bvh, GOOD)
 
     def upgrade_pays(self, strategy: str, seconds: float) -> bool:
         """Whether a query that takes `seconds` in this tree pays for a better one, although this one is there."""
@@ -556,7 +594,7 @@ class AutoTracer(Tracer):
         # strategies are tried again once another one is loaded, or the tree may be converted to its form
         similar, conversions = feature_key(features), forms.conversions(suited)
         served = prepared.serve(similar[:_SIZES])  # those of a camera that walks, too: sizes change with the view
-        key = *similar, len(suited), _convertible(conversions, seconds, served)
+        key = *similar, prepared.builder or "", len(suited), _convertible(conversions, seconds, served)
         if sorting_pays(query, forms, features, suited, threads):
             places = spatial_order(query.origins[0])
             query = reorder_query(query, places)
@@ -572,3 +610,4 @@ class AutoTracer(Tracer):
             bits[:, places] = out
         seconds = _clock(tracer, threads) - start
         memory.learn(key, choice._replace(sorted=places is not None, seconds=seconds), prepared.builder)
+        prepared.reconsider(query, memory.rates(key), seconds, threads)

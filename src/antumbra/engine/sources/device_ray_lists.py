@@ -10,13 +10,14 @@ from ...bvh.tree_quality import sah_cost
 from ...devices.arrays import DeviceArray
 from ...kernels.array_pool import ArrayPool
 from ...query.ray_list import RayArguments, TracedRays, cull_value
+from ...scene.resident_triangles import DeviceVertices
 from ...scene.triangles import HitFilter, Triangles
 from ...trace.alpha_cutouts import add_hits
 from ...trace.device.resident_rays import ResidentRays, is_resident
 from ..accelerator import Accelerated, Accelerator, SceneTrees
-from ..device_tracers import OnDevice
+from ..device_tracers import OnDevice, device_tracer
 from ..precompilation import precompile
-from ..refitted_rays import are_equal_faces
+from ..tree_choice import are_equal_faces
 
 REBUILD = 1.5
 """The tree is rebuilt once moved triangles have raised its SAH cost by this factor: refits take little time."""
@@ -52,6 +53,14 @@ class DeviceRayLists:
     def takes(self, origins: Any) -> bool:
         """Whether rays are in an array on a device, for `trace_resident`."""
         return is_resident(origins)
+
+    def vertices(self, value: Any) -> DeviceVertices:
+        """New vertices in an array on the device, for `MemoryData.update`. InputError if it is elsewhere."""
+        from ...trace.device.resident_vertices import ResidentVertices
+
+        return ResidentVertices(
+            device_tracer(str(self._accelerator.plan.device), self._accelerator.device_memory), value
+        )
 
     def trace_rays(self, rays: RayArguments, any_hit: bool, threads: int) -> TracedRays:
         """The hits of rays. InputError if a ray is invalid."""
@@ -114,10 +123,13 @@ class DeviceRayLists:
         return self._ready
 
     def _refitted(self, ready: _RayTree, triangles: Triangles) -> _RayTree:
-        """The tree with moved triangles, or a new one of them."""
+        """The tree with moved triangles, or a new one. The accelerator refits those that the device builds."""
         bvh, threads = ready.accelerated.bvh, self._accelerator.threads
-        assert bvh is not None
-        if len(bvh.prim_ids) < 2 or not are_equal_faces(ready.accelerated.triangles.solid, triangles.solid):
+        if (
+            bvh is None
+            or len(bvh.prim_ids) < 2
+            or not are_equal_faces(ready.accelerated.triangles.solid, triangles.solid)
+        ):
             return _RayTree(ready.time, self._accelerator.build(triangles), True, 0.0)
         moved = refit_faces(bvh, triangles.vertices, threads, self._pool)
         cost = ready.cost or sah_cost(bvh, threads=threads)

@@ -8,26 +8,24 @@ as that rebuild costs (the ski-rental rule), so the total loss is at most twice 
 
 import threading
 from time import perf_counter
-from typing import ClassVar, NamedTuple, TypeVar, cast
+from typing import ClassVar, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...base.errors import InputError
 from ...base.forks import is_stuck, renew_after_fork
-from ...bvh.wide_bvh import widen
 from ...query.closed_surfaces import closed_surfaces
 from ...query.pixel_refinement import subpixel_rays
 from ...query.query_bounds import triangle_box
-from ...query.ray_list import RayArguments, TracedRays, changed_error, hit_arrays
+from ...query.ray_list import RayArguments, TracedRays, hit_arrays
 from ...query.shadow_query import Surfaces, surfaces_of
 from ...scene.scene_data import MemoryData, SceneData
-from ...scene.triangle_setup import rows_with_area, solid_faces
+from ...scene.triangle_setup import met_by_rays, rows_with_area, solid_faces
 from ...scene.triangles import AllHits, ClosestPoints, Triangles
-from ...trace.alpha_cutouts import CutoutTree, add_hits, without_holes
+from ...trace.alpha_cutouts import CutoutTree
 from ...trace.closest_points import closer_of, closest_points
 from ...trace.rays.all_hits import INSIDE, RayHits, count_all, find_all, merge_triangles, unsigned
-from ...trace.rays.local_rays import local_rays
 from ...trace.rays.ray_batches import RayTracer
 from ..accelerator import Accelerated, Accelerator, SceneTrees
 from ..auto.cost_model import BEST, GOOD, seconds_before_best
@@ -42,6 +40,7 @@ from ..primary_visibility import (
     subpixel_visibility,
 )
 from ..refitted_rays import RayTreeRefit
+from .cutout_hits import CutoutHits, of_valid
 from .source_protocols import Bodies, CameraView, SourceSettings
 
 # --- Ray lists --------------------------------------------------------------------------------------------------------
@@ -55,6 +54,7 @@ class _RayTree(NamedTuple):
     """The tree of a time sample."""
 
     time: float
+    drawn: Triangles  # of which `accelerated` has those that rays meet
     plan: Plan
     upgrade_after: float  # seconds of tracing after which a better tree pays off
     accelerated: Accelerated
@@ -71,7 +71,7 @@ class RayLists:
     def __init__(self, data: MemoryData, trees: SceneTrees, threads: int):
         self._data, self._trees, self._threads = data, trees, threads
         self._ready: _RayTree | None = None
-        self._cutouts: tuple[CutoutTree, RayTracer] | None = None  # the latest cut-outs and their tracer
+        self._cutouts: CutoutHits | None = None  # of the latest cut-outs
         self._bodies: tuple[Triangles, Bodies] | None = None  # of the latest triangles for which they were needed
         self._refit = RayTreeRefit(threads)
         self._lock = threading.RLock()
@@ -89,9 +89,10 @@ class RayLists:
         valid = ready.tracer.trace(rays, any_hit, out, threads)
         self._count(start, threads)
         if not valid:
-            _of_valid(rays, None)
-        if ready.accelerated.cutouts is not None:
-            add_hits(ready.accelerated.cutouts, rays.arrays(), rays.cull_faces, any_hit, out, threads)
+            of_valid(rays, None)
+        cutouts = ready.accelerated.cutouts
+        if cutouts is not None:
+            self._hits_of(cutouts).add(rays, any_hit, out, threads)
         if any_hit:
             return TracedRays(out, None)
         triangles, shape = ready.accelerated.triangles, rays.shape
@@ -107,13 +108,12 @@ class RayLists:
         """All hits of rays, or the first `max_hits` of each; `rule`: TRIANGLES or SURFACES."""
         precompile("all hits")
         ready, start = self._ready_at(rays.time, rays.n), perf_counter()
-        hits = _of_valid(rays, find_all(ready.tracer, rays, max_hits, rule, threads))
+        hits = of_valid(rays, find_all(ready.tracer, rays, max_hits, rule, threads))
         self._count(start, threads)
         cutouts = ready.accelerated.cutouts
         if cutouts is None:
             return unsigned(hits)
-        on_cutouts = _of_valid(rays, find_all(self._tracer_of(cutouts), rays, None, rule, threads))
-        on_cutouts = without_holes(cutouts, local_rays(rays.arrays(), rays.cull_faces), on_cutouts, threads)
+        on_cutouts = self._hits_of(cutouts).all_hits(rays, rule, threads)
         every_ray = np.arange(rays.n)
         return merge_triangles([RayHits(every_ray, hits), RayHits(every_ray, on_cutouts)], rays.n, max_hits)
 
@@ -121,16 +121,10 @@ class RayLists:
         """(n,) int64: the number of hits of each ray, by a rule of `trace.rays.all_hits`. INSIDE sees no holes."""
         precompile("all hits")
         ready, start = self._ready_at(rays.time, rays.n), perf_counter()
-        counts = _of_valid(rays, count_all(ready.tracer, rays, rule, threads))
+        counts = of_valid(rays, count_all(ready.tracer, rays, rule, threads))
         self._count(start, threads)
         cutouts = ready.accelerated.cutouts
-        if cutouts is None:
-            return counts
-        if rule == INSIDE:
-            return counts + _of_valid(rays, count_all(self._tracer_of(cutouts), rays, rule, threads))
-        on_cutouts = _of_valid(rays, find_all(self._tracer_of(cutouts), rays, None, rule, threads))
-        arguments = local_rays(rays.arrays(), rays.cull_faces)
-        return counts + without_holes(cutouts, arguments, on_cutouts, threads).counts
+        return counts if cutouts is None else counts + self._hits_of(cutouts).count_hits(rays, rule, threads)
 
     def bodies(self, time: float) -> Bodies:
         """The surfaces at a time within 0 .. `duration`, cached for the latest one; those drawn twice count once."""
@@ -152,7 +146,7 @@ class RayLists:
         solid = solid_faces(rows_with_area(vertices, self._threads), once if shown is None else shown[once])
         accelerator = Accelerator(parse_plan(RAY_PLANS[0]), self._threads)
         tracer = RayTracer(accelerator.build(triangles._replace(solid=solid, cutouts=None)).prepared)
-        count = lambda rays, threads: _of_valid(rays, count_all(tracer, rays, INSIDE, threads))
+        count = lambda rays, threads: of_valid(rays, count_all(tracer, rays, INSIDE, threads))
         return Bodies(box, open_edges, count, time)
 
     def closest_points(self, points: NDArray[np.float32], time: float, threads: int) -> ClosestPoints:
@@ -164,14 +158,14 @@ class RayLists:
         cutouts = ready.accelerated.cutouts
         if cutouts is None:
             return closest
-        return closer_of(closest, closest_points(self._tracer_of(cutouts).tree, points, threads))
+        return closer_of(closest, self._hits_of(cutouts).closest_points(points, threads))
 
-    def _tracer_of(self, cutouts: CutoutTree) -> RayTracer:
-        """A tracer of the cut-outs, which is cached. Its hits include holes."""
+    def _hits_of(self, cutouts: CutoutTree) -> CutoutHits:
+        """The tracer of the cut-outs, which is cached."""
         cached = self._cutouts
-        if cached is None or cached[0] is not cutouts:
-            cached = self._cutouts = cutouts, RayTracer(widen(cutouts.bvh, self._threads))
-        return cached[1]
+        if cached is None or cached.tree is not cutouts:
+            cached = self._cutouts = CutoutHits(cutouts, self._threads)
+        return cached
 
     @property
     def plan(self) -> Plan | None:
@@ -192,7 +186,7 @@ class RayLists:
     def triangles_of_tree(self, time: float) -> Triangles | None:
         """The triangles at a time within 0 .. `duration` if there is a tree of them."""
         ready = self._ready
-        return ready.accelerated.triangles if ready is not None and self._is_current(ready, time) else None
+        return ready.drawn if ready is not None and self._is_current(ready, time) else None
 
     def _upgraded(self, ready: _RayTree, rays: int) -> _RayTree:
         """The better tree; or this one while another thread builds the better one, so that only one call waits."""
@@ -206,7 +200,7 @@ class RayLists:
     def _is_current(self, ready: _RayTree, time: float) -> bool:
         """Whether a tree is of this time, and no update has moved its triangles."""
         moved = self._data.moved
-        return ready.time == time and (moved is None or moved is ready.accelerated.triangles)
+        return ready.time == time and (moved is None or moved is ready.drawn)
 
     def _make_ready(self, time: float, rays: int) -> _RayTree:
         with self._lock:
@@ -227,32 +221,24 @@ class RayLists:
                 plan = parse_plan(RAY_PLANS[1])
             else:  # another thread has built it
                 return ready
-            accelerated = self._trees.of(Accelerator(plan, self._threads), time)
+            accelerator, drawn = Accelerator(plan, self._threads), self.triangles(time)
+            met = met_by_rays(drawn, self._threads)
+            accelerated = self._trees.of(accelerator, time) if met is drawn else accelerator.build(met)
             upgrade_after = seconds_before_best(self._data.n_triangles) if str(plan) == RAY_PLANS[0] else np.inf
-            self._ready = _RayTree(time, plan, upgrade_after, accelerated, RayTracer(accelerated.prepared))
+            self._ready = _RayTree(time, drawn, plan, upgrade_after, accelerated, RayTracer(accelerated.prepared))
             self._refit.begin()
             return self._ready
 
     def _refitted(self, ready: _RayTree, rays: int) -> _RayTree | None:
         """The tree with the triangles of the latest update; None if another one must be built."""
         accelerator = Accelerator(ready.plan, self._threads)
-        triangles = self.triangles(ready.time)
-        accelerated = self._refit.refit(accelerator, ready.accelerated, triangles, rays)
+        drawn = self.triangles(ready.time)
+        met = met_by_rays(drawn, self._threads)
+        accelerated = self._refit.refit(accelerator, ready.accelerated, met, rays)
         if accelerated is None:
             return None
         self._trees.add(ready.plan, accelerated)
-        return ready._replace(accelerated=accelerated, tracer=RayTracer(accelerated.prepared))
-
-
-_T = TypeVar("_T")
-
-
-def _of_valid(rays: RayArguments, result: _T | None) -> _T:
-    """The result of tracing rays. Raises the InputError of the first invalid ray if it is None."""
-    if result is None:
-        rays.arrays().check()
-        raise changed_error()
-    return result
+        return ready._replace(drawn=drawn, accelerated=accelerated, tracer=RayTracer(accelerated.prepared))
 
 
 # --- Scenes in memory -------------------------------------------------------------------------------------------------

@@ -8,8 +8,8 @@ both would read every chunk. The chunks of a band fit in memory, so its shadow r
 [Mattausch et al. 2015, Sec. 5.4].
 """
 
-from collections.abc import Iterator, Sequence
-from functools import partial
+from collections.abc import Callable, Iterator, Sequence
+from functools import cached_property, partial
 from typing import ClassVar, NamedTuple, NoReturn, cast
 
 import numpy as np
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ...base.checks import byte_count
 from ...base.errors import InputError
+from ...base.progress import ProgressCallback
 from ...kernels.exact.filters import single_weights
 from ...kernels.exact.predicate import ray_along
 from ...kernels.jit import kernel
@@ -24,28 +25,33 @@ from ...kernels.parallel import items, new_ticket, run
 from ...query.gbuffer import from_hits
 from ...query.pixel_refinement import subpixel_rays
 from ...query.query_bounds import morton_codes
-from ...query.ray_list import RayArguments, RayArrays, TracedRays, changed_error, hit_arrays
-from ...query.ray_passes import RayPass, camera_pass
+from ...query.ray_list import HitArrays, RayArguments, RayArrays, TracedRays, changed_error, hit_arrays
+from ...query.ray_passes import RayPass, camera_pass, rays_through
 from ...query.shadow_query import Surfaces
 from ...scene.camera import ExplicitRays
 from ...scene.scene_data import SceneData
 from ...scene.triangles import AllHits, Triangles, concatenate
-from ...store.chunk_residency import Paging, Residency, TriangleCopies, hit_slots, slot_starts
-from ...store.store_file import StoreData
-from ...store.system_resources import release_freed, resident_memory
-from ...techniques.chcrt.chc_rt import ChcRtState, camera_hits, nearest_hits, ray_hits
+from ...store.chunk_residency import Paging, RangeMemory, Residency, TriangleCopies, hit_slots, slot_starts
+from ...store.store_data import StoreData
+from ...store.store_file import FaceRange, Store, top_tree
+from ...store.system_resources import MAX_MEMORY, release_freed, resident_memory
+from ...techniques.chcrt.chc_rt import ChcRtRanges, ChcRtState, camera_hits, nearest_hits, ray_hits
 from ...techniques.chcrt.chcrt_tracer import ChcRtTracer
 from ...techniques.chcrt.nearest_hits import mark_hits, number_hits
-from ...techniques.chcrt.tree_parts import parts_of_chunks
+from ...techniques.chcrt.tree_parts import TreeParts, parts_of_chunks
+from ...trace.alpha_cutouts import add_hits
 from ...trace.rays.all_hits import INSIDE
-from ...trace.rays.local_rays import LocalRays, local_rays
+from ...trace.rays.local_rays import local_pass, local_rays
 from ...trace.rays.ray_hits import hit_surfaces
 from ...trace.tree_list import Hits
 from ..accelerator import Accelerated, Accelerator, SceneTrees
 from ..plan import Plan
 from ..precompilation import precompile
 from ..primary_visibility import RAYS
-from .paged_hits import all_hits, count_hits
+from .cutout_hits import CutoutHits
+from .paged_cutouts import PagedCutouts, TracedHits
+from .paged_hits import RayBatch, all_hits, count_hits
+from .range_hits import FirstHits, NearestSoFar, first_hits, in_store, nearer, numbered, skipped_faces
 from .source_protocols import Bodies, CameraView, FrameMemory, SourceSettings
 
 # --- Bands of rows ----------------------------------------------------------------------------------------------------
@@ -121,7 +127,8 @@ class HitBatch(NamedTuple):
 
     places: NDArray[np.int64]  # (n,): index of each ray in the list
     rays: RayPass
-    hits: Hits  # (1, n)
+    blocked: NDArray[np.bool_]  # (n,)
+    hits: Hits  # (1, n); for any-hit without cut-outs
     triangles: Triangles  # the triangles hit; empty for any-hit
     faces: NDArray[np.int32]  # (n,): index of each hit's triangle in `triangles`, or -1
 
@@ -135,10 +142,12 @@ class BatchSettings(NamedTuple):
     threads: int
 
 
-def trace_batches(paged: "Paged", arguments: RayArrays, settings: BatchSettings) -> Iterator[HitBatch]:
-    """Trace the rays of a list, batch by batch."""
+def trace_batches(
+    paged: "Paged", of: FaceRange, state: ChcRtState, arguments: RayArrays, settings: BatchSettings
+) -> Iterator[HitBatch]:
+    """Trace the rays of a list through a range of faces, batch by batch."""
     any_hit, cull_faces, max_rays, threads = settings
-    order = _coherent_order(arguments)
+    order, cutouts = _coherent_order(arguments), paged.cutouts
     for begin in range(0, len(order), max_rays):
         places = order[begin : begin + max_rays]
         part = arguments.part(places)
@@ -149,13 +158,21 @@ def trace_batches(paged: "Paged", arguments: RayArrays, settings: BatchSettings)
             raise changed_error()  # they were valid when they were checked
         with np.errstate(over="ignore", under="ignore"):  # such bounds are beyond any t
             spans = spans / factors
-        hits = ray_hits(paged.accelerated.prepared, rays, spans, cull_faces, any_hit, threads, targets)
-        hits = hits._replace(t=hits.t * factors.T)
+        hits = ray_hits(state, rays, spans, cull_faces, any_hit, threads, targets)
+        hits = hits._replace(t=hits.t * factors.T, part=in_store(hits.part, of))
         if any_hit:
-            yield HitBatch(places, rays, hits, paged.accelerated.triangles, hits.face[0])
-        else:
-            triangles, (faces,) = paged.hit_triangles([hits], threads)
-            yield HitBatch(places, rays, hits, triangles, faces[0])
+            blocked = hits.face[0] >= 0
+            if cutouts is not None:
+                out = hit_arrays(0, False)._replace(blocked=blocked)
+                add_hits(cutouts.tree, part, cull_faces, True, out, threads)
+            yield HitBatch(places, rays, blocked, hits, paged.accelerated.triangles, hits.face[0])
+            continue
+        triangles, (faces,) = paged.hit_triangles([hits], threads)
+        if cutouts is not None:
+            found = TracedHits(hits.face[0], hits.t[0], faces[0], triangles)
+            face, t, row, triangles = cutouts.show(local_rays(part, cull_faces), found, threads)
+            hits, faces = hits._replace(face=face[None], t=t[None]), row[None]
+        yield HitBatch(places, rays, hits.face[0] >= 0, hits, triangles, faces[0])
 
 
 def _coherent_order(arguments: RayArrays) -> np.ndarray:
@@ -199,11 +216,18 @@ def weights(batch: HitBatch, threads: int) -> tuple[np.ndarray, np.ndarray]:
 # --- Scenes in a store ------------------------------------------------------------------------------------------------
 
 
-MAX_MEMORY = 4 << 30
 _CHUNKS_AT_ONCE = 256  # chunks whose triangles are numbered together
 _NO_SLOTS = np.empty(0, np.int64)
 BAND_FACTOR = 4  # bands pay off if a frame reads more than this multiple of the budget: neighbours share some chunks
 RESERVED = 48 << 20  # bytes reserved for small allocations
+
+
+def _no_hits_of(n: int, any_hit: bool, store: Store) -> HitArrays:
+    """`HitArrays` of n rays that hit nothing, for the faces of a store."""
+    out = hit_arrays(n, any_hit)
+    for array, value in zip(out, (False, -1, np.inf, 0.0, 0.0)):
+        array[...] = value
+    return out if any_hit else out._replace(face=np.full(n, -1, store.face_dtype))
 
 
 class Paged:
@@ -218,11 +242,11 @@ class Paged:
         Its plan gives the tracer for the store's trees.
     settings : SourceSettings
         Its `max_memory` is a limit in bytes on the memory of the process at any time; None: 4 GiB.
+    find_cutouts : function of (max_memory, threads)
+        Returns the cut-outs; None: all faces are solid.
 
     Attributes
     ----------
-    accelerated : Accelerated
-        The input of the plan's tracer; it holds no triangles.
     residency : Residency
         Tracks which chunks are in memory.
 
@@ -235,9 +259,15 @@ class Paged:
     default_plan: ClassVar[str] = str(Plan(trace="chcrt"))
     looks: ClassVar[int] = 1
     gbuffer = RAYS
-    geometry = None
+    geometry = plan = None
 
-    def __init__(self, data: StoreData, accelerator: Accelerator, settings: SourceSettings):
+    def __init__(
+        self,
+        data: StoreData,
+        accelerator: Accelerator,
+        settings: SourceSettings,
+        find_cutouts: Callable[[int, int], PagedCutouts | None],
+    ):
         plan, max_memory = accelerator.plan, settings.max_memory
         tracer, builds = plan.tracer, plan.cull or plan.optimise or plan.update or plan.build != Plan().build
         if builds or not isinstance(tracer, ChcRtTracer):
@@ -254,9 +284,31 @@ class Paged:
         self._batch_sizes: dict[int, int] = {}  # size of an item -> number of items traced together
         self._bands, self._camera_mark = Bands(), 0  # the total of bytes read when the last camera rays were traced
         self._frame_reads = int(store.chunks.bytes.sum())  # bytes read in the last frame; initially the whole store
-        parts = parts_of_chunks(store.top.nodes, store.chunks.root, self.residency.trees, self.residency, store)
-        scheduled = ChcRtState(parts, tracer.options)
-        self.accelerated: Accelerated = Accelerated(self._triangles(), None, scheduled)
+        states = [ChcRtState(self._parts(each), tracer.options) for each in store.ranges]
+        numbers = [each.numbers for each in store.ranges]
+        scheduled = states[0] if store.ranges[0].is_all else ChcRtRanges(states, numbers)
+        self._ranges = list(zip(store.ranges, states))
+        self._scheduled, self._find_cutouts = scheduled, find_cutouts
+
+    @cached_property
+    def cutouts(self) -> PagedCutouts | None:
+        """The cut-outs, all of which are in memory from now on; None: all faces are solid."""
+        return self._find_cutouts(self.max_memory, self.threads)
+
+    @cached_property
+    def accelerated(self) -> Accelerated:
+        """The input of the plan's tracer; it holds no triangles but the cut-outs."""
+        tree = None if self.cutouts is None else self.cutouts.tree
+        return Accelerated(self._triangles(), None, self._scheduled, tree)
+
+    def _parts(self, each: FaceRange) -> TreeParts:
+        """The chunks of a range."""
+        store, residency, chunks = self.store, self.residency, each.chunks
+        if each.is_all:
+            return parts_of_chunks(store.top.nodes, store.chunks.root, residency.trees, residency, store)
+        top = top_tree(store.chunks.box[chunks], self.threads).nodes
+        memory = RangeMemory(residency, chunks)
+        return parts_of_chunks(top, store.chunks.root[chunks], residency.trees[chunks], memory, store)
 
     @property
     def fixed(self) -> "Paged":
@@ -272,15 +324,18 @@ class Paged:
 
     def warm_up(self) -> None:
         precompile("scenes in a store")
+        if self.store.has_cutouts:
+            precompile("cut-outs")
 
     def begin(self, memory: FrameMemory) -> None:
         """Begin a frame. Rays that are traced together get up to half of the memory, and chunks the rest."""
         self._evict_others()
         self.residency.begin_question()  # before memory is measured
         release_freed()
+        prepared = self.accelerated.prepared  # the cut-outs are read before memory is measured
         free = self.budget(memory)
         together, cells = min(free // 2, memory.passes), min(free // 8, memory.cells)
-        self._joint_budget, self.accelerated.prepared.room = together, cells
+        self._joint_budget, prepared.room = together, cells
         if self._start_paging is not None:
             self._frame_reads = self.residency.paging.bytes - self._start_paging.bytes
         self.residency.budget, self._start_paging = free - together - cells, self.residency.paging
@@ -290,6 +345,12 @@ class Paged:
         """Evict all chunks, to leave their memory to other engines."""
         self.residency.budget = 0
         self.residency.trim()
+
+    def left(self) -> int:
+        with self._turn:
+            self.release()
+        release_freed()
+        return max(self.max_memory - RESERVED - 2 * self.residency.min_budget() - resident_memory(), 0)
 
     def together(self, size: int) -> int:
         n, previous = self.at_once(size), self._batch_sizes.get(size, 0)
@@ -340,18 +401,19 @@ class Paged:
         """The surfaces visible to a camera."""
         camera, rows, progress = view.camera, view.rows, view.progress
         if camera.listed:
-            passes, shape = (
-                [camera_pass(cast(ExplicitRays, camera.view(self.scene.origin)), rows)],
-                (rows.stop - rows.start, camera.width),
-            )
-            listed_hits = nearest_hits(self.accelerated.prepared, passes, shape, self.threads, progress)
-            surfaces = next(self._surfaces_hit(passes, listed_hits, shape))
+            passes = [camera_pass(cast(ExplicitRays, camera.view(self.scene.origin)), rows)]
+            shape = rows.stop - rows.start, camera.width
+            surfaces = next(self._surfaces_hit(passes, shape, progress))
             self._camera_mark = self.residency.paging.bytes
             return surfaces
-        rays = camera.rays(self.scene.origin)
-        hits = camera_hits(self.accelerated.prepared, rays, self.threads, progress, rows)
-        triangles, (face,) = self.hit_triangles([hits], self.threads)
-        gbuffer = from_hits(face, hits.t, triangles, rays, self.threads, rows.start)
+        rays, signed = camera.rays(self.scene.origin), len(self._ranges) > 1
+        trace = lambda _, state: [camera_hits(state, rays, self.threads, progress, rows, signed)]
+        triangles, (hits,) = self._first_hits(trace, self.threads)
+        if self.cutouts is not None:
+            of_band = np.zeros((camera.height, camera.width), np.bool_)
+            of_band[rows] = True
+            triangles, hits = self._shown(rays_through(rays, of_band, self.threads), hits, triangles)
+        gbuffer = from_hits(hits.triangle, hits.t, triangles, rays, self.threads, rows.start)
         self._camera_mark = self.residency.paging.bytes
         return Surfaces(gbuffer, triangles, hits.face, self.store.meta.box)
 
@@ -363,30 +425,69 @@ class Paged:
         shape : (H, W) of the image
         by : another tracer over the same parts; None: the plan's tracer
         """
-        return self._surfaces_hit(
-            passes, nearest_hits(by or self.accelerated.prepared, passes, shape, self.threads), shape
-        )
+        return self._surfaces_hit(passes, shape, by=by)
 
     def _surfaces_hit(
-        self, passes: Sequence[RayPass], hits: Sequence[Hits], shape: tuple[int, int]
+        self,
+        passes: Sequence[RayPass],
+        shape: tuple[int, int],
+        progress: ProgressCallback | None = None,
+        by: ChcRtState | None = None,
     ) -> Iterator[Surfaces]:
-        """Yield the surfaces hit by passes, which must be the latest query."""
-        triangles, faces = self.hit_triangles(hits, self.threads)
-        for rays, hit, face in zip(passes, hits, faces):
-            gbuffer = hit_surfaces(rays, face.reshape(-1), hit.t.reshape(-1), shape, triangles, self.threads)
-            yield Surfaces(gbuffer, triangles, hit.face, self.store.meta.box)
+        """Yield the surfaces hit by passes, as `nearest`."""
+
+        def trace(each: FaceRange, state: ChcRtState) -> list[Hits]:
+            of_range = [rays._replace(skip=each.numbers(rays.skip)) for rays in passes]
+            return nearest_hits(by or state, of_range, shape, self.threads, progress)
+
+        triangles, hits = self._first_hits(trace, self.threads)
+        for rays, hit in zip(passes, hits):
+            shown = triangles
+            if self.cutouts is not None:
+                shown, hit = self._shown(rays, hit, triangles)
+            gbuffer = hit_surfaces(rays, hit.triangle.reshape(-1), hit.t.reshape(-1), shape, shown, self.threads)
+            yield Surfaces(gbuffer, shown, hit.face, self.store.meta.box)
+
+    def _shown(self, rays: RayPass, hits: FirstHits, triangles: Triangles) -> tuple[Triangles, FirstHits]:
+        """The triangles and the hits of a pass, with cut-outs where they are nearer."""
+        assert self.cutouts is not None
+        shape = hits.face.shape
+        flat = TracedHits(hits.face.reshape(-1), hits.t.reshape(-1), hits.triangle.reshape(-1), triangles)
+        found = self.cutouts.show(local_pass(rays), flat, self.threads)
+        face, t, row = found.face.reshape(shape), found.t.reshape(shape), found.row.reshape(shape)
+        return found.triangles, hits._replace(face=face, t=t, triangle=row)
+
+    def _first_hits(
+        self, trace: Callable[[FaceRange, ChcRtState], Sequence[Hits]], threads: int
+    ) -> tuple[Triangles, list[FirstHits]]:
+        """The triangles that several sets of rays hit first, and their hits.
+
+        trace : returns the hits of each set in a range, with their signed t if there are several ranges
+        """
+        found, all_triangles, n = list[FirstHits](), list[Triangles](), 0
+        for each, state in self._ranges:
+            hits = [hit._replace(part=in_store(hit.part, each)) for hit in trace(each, state)]
+            triangles, indices = self.hit_triangles(hits, threads)
+            of_range = [first_hits(hit, index, n, each) for hit, index in zip(hits, indices)]
+            found = [nearer(*pair) for pair in zip(found, of_range)] if found else of_range
+            all_triangles.append(triangles._replace(face_id=each.faces(triangles.face_id)))
+            n += len(triangles.vertices)
+        return concatenate(all_triangles), found
 
     def trace_rays(self, rays: RayArguments, any_hit: bool, threads: int) -> TracedRays:
-        arrays, out = rays.arrays(), hit_arrays(rays.n, any_hit)
+        out = _no_hits_of(rays.n, any_hit, self.store)
         with self._turn:
             self.warm_up()
-            for batch in self._batches(arrays, any_hit, rays.cull_faces, threads):
+            nearest = NearestSoFar(rays.n, len(self._ranges))
+            for of, batch in self._batches(rays, any_hit, threads):
                 at, hits = batch.places, batch.hits
                 if any_hit:
-                    out.blocked[at] = hits.face[0] >= 0
-                else:
-                    out.face[at], out.t[at] = hits.face[0], hits.t[0]
-                    out.u[at], out.v[at] = weights(batch, threads)
+                    out.blocked[at] |= batch.blocked
+                    continue
+                chosen = nearest.replaces(at, hits)
+                at, (u, v) = at[chosen], weights(batch, threads)
+                out.face[at], out.t[at] = of.faces(hits.face[0])[chosen], hits.t[0][chosen]
+                out.u[at], out.v[at] = u[chosen], v[chosen]
         if any_hit:
             return TracedRays(out, None)
         return TracedRays(out, partial(self._triangles_hit, rays.copied(), threads))
@@ -395,13 +496,17 @@ class Paged:
         with self._turn:
             self.warm_up()
             precompile("all hits in stores")
-            return all_hits(self.store, self._unordered_batches(rays), max_hits, rule, threads)
+            return all_hits(self.store, self._unordered_batches(rays), max_hits, rule, threads, self._cutout_hits)
 
     def count_hits(self, rays: RayArguments, rule: int, threads: int) -> NDArray[np.int64]:
         with self._turn:
             self.warm_up()
             precompile("all hits in stores")
-            return count_hits(self.store, self._unordered_batches(rays), rule, threads)
+            return count_hits(self.store, self._unordered_batches(rays), rule, threads, self._cutout_hits)
+
+    @property
+    def _cutout_hits(self) -> CutoutHits | None:
+        return None if self.cutouts is None else self.cutouts.hits
 
     def bodies(self, time: float) -> Bodies:
         """The surfaces as they are drawn: open edges and faces drawn twice would need all of them in memory."""
@@ -412,15 +517,16 @@ class Paged:
             "closest points need a scene in memory; this one is in a store: load the file it was built from"
         )
 
-    def _unordered_batches(self, rays: RayArguments) -> Iterator[LocalRays]:
+    def _unordered_batches(self, rays: RayArguments) -> Iterator[RayBatch]:
         """Yield the rays in batches for which memory suffices. No chunk stays in memory."""
-        arrays = rays.arrays()
+        arrays, skip = rays._replace(skip=-1.0).arrays(), skipped_faces(rays)
         arrays.check()
         self.begin(FrameMemory(0, 0, 2 * rays.n * RAY_BYTES))
         size = max(self.together(RAY_BYTES), MIN_BATCH)
         self.release()
         for first in range(0, rays.n, size):
-            yield local_rays(arrays.part(slice(first, first + size)), rays.cull_faces)
+            part = slice(first, first + size)
+            yield RayBatch(local_rays(arrays.part(part), rays.cull_faces), skip[part])
 
     def _triangles_hit(self, rays: RayArguments, threads: int) -> tuple[Triangles, NDArray[np.int64]]:
         """The triangles hit by rays, and the index of each ray's triangle among them, or -1.
@@ -429,20 +535,26 @@ class Paged:
         """
         faces, parts, n = np.full(rays.n, -1), [], 0
         with self._turn:
-            for batch in self._batches(rays.arrays(), False, rays.cull_faces, threads):
-                faces[batch.places] = np.where(batch.faces >= 0, batch.faces + n, -1)
-                parts.append(batch.triangles)
+            nearest = NearestSoFar(rays.n, len(self._ranges))
+            for of, batch in self._batches(rays, False, threads):
+                chosen = nearest.replaces(batch.places, batch.hits)
+                index = np.where(batch.faces >= 0, batch.faces + n, -1)
+                faces[batch.places[chosen]] = index[chosen]
+                parts.append(batch.triangles._replace(face_id=of.faces(batch.triangles.face_id)))
                 n += len(batch.triangles.vertices)
             self.release()  # such queries are rare
         return concatenate(parts or [self.accelerated.triangles]), faces.reshape(rays.shape)
 
-    def _batches(self, rays: RayArrays, any_hit: bool, cull_faces: int, threads: int) -> Iterator[HitBatch]:
-        rays.check()
-        m = len(rays.origins)
-        self.begin(FrameMemory(0, 0, 2 * m * RAY_BYTES))
-        self.accelerated.begin()
-        size = max(self.together(RAY_BYTES), MIN_BATCH)
-        return trace_batches(self, rays, BatchSettings(any_hit, cull_faces, size, threads))
+    def _batches(self, rays: RayArguments, any_hit: bool, threads: int) -> Iterator[tuple[FaceRange, HitBatch]]:
+        """Trace the rays through all ranges, batch by batch."""
+        for of, state in self._ranges:
+            arrays = numbered(rays, of).arrays()
+            arrays.check()
+            self.begin(FrameMemory(0, 0, 2 * rays.n * RAY_BYTES))
+            state.begin()
+            settings = BatchSettings(any_hit, rays.cull_faces, max(self.together(RAY_BYTES), MIN_BATCH), threads)
+            for batch in trace_batches(self, of, state, arrays, settings):
+                yield of, batch
 
     def subpixels(self, view: CameraView, edge: NDArray[np.bool_]) -> Surfaces:
         rays, shape = subpixel_rays(view.camera.view(self.scene.origin), edge, self.threads)
@@ -484,20 +596,35 @@ class Paged:
 
 
 class SharedStore:
-    """A store, of which each engine has its own chunks in memory: `SharedTrees`."""
+    """A store, of which each engine has its own chunks in memory, but the same cut-outs: `SharedTrees`."""
 
     default_plan: ClassVar[str] = Paged.default_plan
 
     def __init__(self, data: SceneData):
         self._data = cast(StoreData, data)
+        self._cutouts: PagedCutouts | None = None
 
     def source(self, accelerator: Accelerator, settings: SourceSettings) -> Paged:
         """The source of an engine. InputError if the plan needs all triangles, or the limit is out of range."""
-        return Paged(self._data, accelerator, settings)
+        return Paged(self._data, accelerator, settings, self._find_cutouts)
+
+    def _find_cutouts(self, max_memory: int, threads: int) -> PagedCutouts | None:
+        """The cut-outs, which are read once. InputError if they do not fit in `max_memory` bytes."""
+        data = self._data
+        if self._cutouts is None and data.store.has_cutouts:
+            if (need := data.store.cutout_bytes() + RESERVED) > max_memory:
+                raise InputError(
+                    f"{data.name}: {max_memory >> 20}M of memory is not enough for the faces that let light pass, "
+                    f"which take {need >> 20}M; give at least twice as much, or build it with ?cutouts=off"
+                )
+            if data.cutouts is not None:
+                assert data.stored_cutouts is not None
+                self._cutouts = PagedCutouts(data.stored_cutouts, data.origin, threads)
+        return self._cutouts
 
     def flat(self) -> SceneTrees:
         """Always raises InputError: the triangles are never all in memory."""
         raise self._data.refusal()
 
     def clear(self) -> None:
-        """Nothing is shared."""
+        self._cutouts = None

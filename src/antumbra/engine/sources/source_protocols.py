@@ -31,6 +31,7 @@ from ...scene.scene_data import SceneData
 from ...scene.triangles import AllHits, ClosestPoints, Triangles
 from ...trace.transmission import TracedQuery
 from ..accelerator import Accelerated, Accelerator, SceneTrees
+from ..plan import Plan
 
 # --- Ray lists --------------------------------------------------------------------------------------------------------
 
@@ -56,6 +57,15 @@ class Bodies(NamedTuple):
     open_edges: int | None  # that an odd number of faces share; None: not counted
     crossings: Callable[[RayArguments, int], NDArray[np.int64]]  # counts of rays by the rule INSIDE, on some threads
     time: float  # seconds: that of the rays
+
+
+class TreeHits(HitSource, Protocol):
+    """Traces ray lists through a tree, after a source that needs none."""
+
+    @property
+    def plan(self) -> Plan | None:
+        """The plan of the tree that was built for ray lists; None: there is none."""
+        ...
 
 
 class RayListSource(HitSource, Protocol):
@@ -239,6 +249,10 @@ class Memory(Protocol):
 
     def release(self) -> None:
         """Free the memory of resident chunks for other engines."""
+
+    def left(self) -> int:
+        """Bytes that arrays besides the resident parts may take. No part stays resident."""
+        ...
 
     def together(self, size: int) -> int:
         """Number of passes, or of images of their hits, to trace together; `size`: bytes of each."""

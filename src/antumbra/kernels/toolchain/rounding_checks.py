@@ -63,6 +63,7 @@ _OTHERS = re.compile(
 _PTX_DIRECTIVES = re.compile(
     r"\.version \d+\.\d+|\.target sm_\d+|\.address_size 64|\.visible \.entry \w+\(|\.param \.u64 \w+,?|\)|[{}]"
     r"|\.reg \.\w+\s+%\w+(?:<\d+>)?;|\.(?:local|shared) \.align \d+ \.b8\s+\w+\[\d+\];|\$\w+:"
+    r"|\.pragma \"nounroll\";"
 )
 _PTX_INSTRUCTION = re.compile(r"(?:@!?%\w+\s+)?([\w.]+)\b.*;")
 

@@ -1,12 +1,12 @@
 """CHC+RT as a tracer: its state between frames, shadow queries, ray passes, and the surfaces that rays hit."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from threading import Lock
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.progress import ProgressCallback
+from ...base.progress import ProgressCallback, split_progress
 from ...bvh.block_tree import block_tree
 from ...bvh.nodes import Bvh
 from ...kernels.parallel import thread_count
@@ -15,6 +15,7 @@ from ...query.ray_passes import RayPass
 from ...query.shadow_query import ShadowQuery, Surfaces, surfaces_of
 from ...scene.camera import CameraRays
 from ...scene.triangles import Triangles
+from ...trace.primary.primary_rays import sign_hits
 from ...trace.rays.ray_hits import Show, hit_surfaces
 from ...trace.tracer import TracerState
 from ...trace.tree_list import Hits, no_hits
@@ -87,6 +88,55 @@ class ChcRtState(TracerState):
         yield from sorted(numbered, key=lambda state: state[0])
 
 
+class ChcRtRanges(TracerState):
+    """A scene with too many faces for int32: its ranges of faces, which are traced one after the other.
+
+    states : list of ChcRtState
+        The state of each range.
+    numbers : list of functions
+        Each takes faces of the scene, and returns their int32 numbers in its range; -1: in no or another range.
+    """
+
+    def __init__(self, states: Sequence[ChcRtState], numbers: Sequence[Callable[[np.ndarray], np.ndarray]]):
+        self.ranges, self.numbers = states, numbers
+
+    def begin(self) -> None:
+        """Start a new frame."""
+        for state in self.ranges:
+            state.begin()
+
+    @property
+    def room(self) -> int:
+        """As of `ChcRtState`."""
+        return self.ranges[0].room
+
+    @room.setter
+    def room(self, size: int) -> None:
+        for state in self.ranges:
+            state.room = size
+
+    @property
+    def statistics(self) -> list[dict[str, float]]:
+        """As of `ChcRtState`, range by range."""
+        return [each for state in self.ranges for each in state.statistics]
+
+    def trace_shadows(
+        self,
+        queries: Sequence[ShadowQuery],
+        bits: Sequence[NDArray[np.uint64]],
+        threads: int | None,
+        counters: NDArray[np.int64] | None,
+        progress: ProgressCallback | None,
+    ) -> None:
+        """As `trace_shadows`: what blocks a segment in any range blocks it."""
+        step = split_progress(progress, len(self.ranges))
+        for state, numbers in zip(self.ranges, self.numbers):
+            found = [np.zeros_like(words) for words in bits]
+            trace_shadows(state, [q._replace(ids=numbers(q.ids)) for q in queries], found, threads, counters, step)
+            for words, more in zip(bits, found):
+                words |= more
+
+
 def prepare(bvh: Bvh, options: ChcRtOptions, threads: int | None = None) -> ChcRtState:
     """Prepare a builder's tree for CHC+RT."""
     return ChcRtState(parts_of(block_tree(bvh, threads), options), options)
@@ -109,7 +159,7 @@ def trace_shadow(
 
 
 def trace_shadows(
-    scheduled: ChcRtState,
+    scheduled: ChcRtState | ChcRtRanges,
     queries: Sequence[ShadowQuery],
     bits: Sequence[NDArray[np.uint64]],
     threads: int | None = None,
@@ -120,10 +170,14 @@ def trace_shadows(
 
     As many queries as `ChcRtState.room` allows are traced in one call, which reads each part only once.
     """
+    if isinstance(scheduled, ChcRtRanges):
+        scheduled.trace_shadows(queries, bits, threads, counters, progress)
+        return
     parts, options, used, members = scheduled.parts, scheduled.options, 0, list[SegmentRaySets]()
     inside = None if parts.memory else progress  # out of core, reading parts dominates: report that instead
     n_threads = thread_count(threads)
-    steps = [(step, b) for q, b in zip(queries, bits, strict=True) for step in segments_of(parts, q)]
+    asked = [(q, b) for q, b in zip(queries, bits, strict=True) if q.sides.size]  # a block may have no receivers
+    steps = [(step, b) for q, b in asked for step in segments_of(parts, q)]
     for i, step in enumerate(steps):
         members.append(SegmentRaySets(parts, options, *step, n_threads, counters, inside))
         used += members[-1].rays.cells.nbytes
@@ -137,9 +191,9 @@ def combine_ray_sets(members: Sequence[RaySets]) -> RaySets | CombinedRaySets:
     return members[0] if len(members) == 1 else CombinedRaySets(members)
 
 
-def _reach(scheduled: ChcRtState, low: NDArray[np.floating], high: NDArray[np.floating]) -> float:
+def reach_inside(parts: TreeParts, low: NDArray[np.floating], high: NDArray[np.floating]) -> float:
     """Upper bound of the length inside the scene of rays that start in the box from `low` to `high`."""
-    boxes = scheduled.parts.boxes[0].astype(np.float64)
+    boxes = parts.boxes[0].astype(np.float64)
     return float(np.linalg.norm(np.maximum(boxes[1], high) - np.minimum(boxes[0], low))) + 1e-30
 
 
@@ -155,7 +209,7 @@ def nearest_hits(
     The hits equal those of every other tracer.
     """
     threads = thread_count(threads)
-    reach = _reach(scheduled, *bounds(passes[0].origins, threads))
+    reach = reach_inside(scheduled.parts, *bounds(passes[0].origins, threads))
     rays = [pass_rays(each, *shape, reach) for each in passes]
     members = [PassRaySet(scheduled.parts, scheduled.options, each, threads) for each in rays]
     scheduled.run(combine_ray_sets(members), shape, progress)
@@ -181,7 +235,7 @@ def ray_hits(
     """
     threads, m = thread_count(threads), len(rays.origins)
     origins, directions, skip = (a.reshape(1, m, *a.shape[1:]) for a in rays)
-    reach = _reach(scheduled, *bounds(rays.origins, threads))
+    reach = reach_inside(scheduled.parts, *bounds(rays.origins, threads))
     ends = NO_TARGETS if targets is None else targets.reshape(1, m, 3)
     segments = targets is not None
     pass_ = PassRays(origins, directions, skip, no_hits((1, m)), reach, spans, 1, cull_faces, any_hit, ends, segments)
@@ -195,21 +249,27 @@ def camera_hits(
     threads: int | None = None,
     progress: ProgressCallback | None = None,
     rows: slice | None = None,
+    signed: bool = False,
 ) -> Hits:
     """Nearest hits of camera rays.
 
     rows : slice or None
         Image rows to trace and return; starts at a multiple of 16. None: all rows.
+    signed : bool
+        Whether to write the signed t of all hits.
 
     Raises
     ------
     InputError
         If directions of adjacent pixels are too close, as in `query.rasteriser.rasterise`.
     """
-    reach = _reach(scheduled, rays.origin, rays.origin)
+    reach = reach_inside(scheduled.parts, rays.origin, rays.origin)
     rows = rows or slice(0, rays.height)
     view = CameraRaySet(scheduled.parts, scheduled.options, rays, rows, reach, thread_count(threads))
     scheduled.run(view, (rays.height, rays.width), progress)
+    if signed:  # those in other trees have been signed
+        trees = scheduled.parts.trees
+        sign_hits(trees, view.picture, np.where(trees[:, 0] != 0, 0, -1), view.threads)
     return Hits(*(of_all[rows] for of_all in view.hits))
 
 

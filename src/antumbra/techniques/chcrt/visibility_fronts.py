@@ -10,13 +10,12 @@ together.
 """
 
 from contextlib import closing
-from time import perf_counter
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.progress import ProgressCallback
+from ...base.progress import ProgressCallback, clock_seconds
 from ..tracer_options import ChcRtOptions
 from .occlusion_queries import Answers, Pairs, Tiles
 from .tree_parts import Mark, TreeParts, in_lists
@@ -180,10 +179,10 @@ class Statistics:
         self.progress = progress
         self.seconds = dict.fromkeys(("phase 1", "phase 2", "phase 3"), 0.0)
         self.queries = self.multi_queries = self.traced = 0
-        self._last = perf_counter()
+        self._last = clock_seconds()
 
     def lap(self, phase: str) -> None:
-        now = perf_counter()
+        now = clock_seconds()
         self.seconds[phase] += now - self._last
         self._last = now
 

@@ -321,7 +321,7 @@ def hulls_between(sources: NDArray[np.float64], targets: Targets, grid: CellGrid
     )  # fmt: skip
 
 
-class _Bounds(NamedTuple):
+class HullPointers(NamedTuple):
     """Pointers to the arrays of `Hulls`, which must outlive them. Arrays would cost reference counts."""
 
     lower: F64Ptr  # float64 *: 3 numbers per pair, in all fields
@@ -340,7 +340,7 @@ def _while_at_least(start, slope, limit, low, high):
 
 
 @inlined
-def _while_within(bounds, k, lower, upper):
+def while_within(bounds, k, lower, upper):
     """(low, high): the t in [0, 1] for which B(t) meets the slab from `lower` to `upper`; empty if low > high.
 
     `k` is the index of the pair and the axis in the arrays. Equation 3 of docs/design/culling.md.
@@ -351,7 +351,7 @@ def _while_within(bounds, k, lower, upper):
 
 
 @inlined
-def _cells_between(bounds, k, axis, low, high, pad, grid):
+def cells_between(bounds, k, axis, low, high, pad, grid):
     """First and last cell along an axis that B(t) overlaps for t in [low, high].
 
     `k` is the index of the pair and the axis in the arrays. Equation 4 of docs/design/culling.md.
@@ -377,12 +377,19 @@ def _add_rectangle(table, side, first_u, last_u, first_v, last_v):
 
 
 @inlined
-def _walls(grid, axis, layer, pad):
+def walls_of(grid, axis, layer, pad):
     """(lower, upper): the coordinates that bound a layer. The outermost layers are unbounded on their outer sides."""
-    size = 1.0 / np.float64(grid.scale[axis]) if grid.scale[axis] > 0.0 else np.inf
-    lower = grid.bounds[0, axis] + layer * size - pad if layer > 0 else -np.inf
-    upper = grid.bounds[0, axis] + (layer + 1) * size + pad if layer < grid.n - 1 else np.inf
+    scale, begin = np.float64(get(grid.scale, axis)), np.float64(get(grid.bounds, axis))
+    size = 1.0 / scale if scale > 0.0 else np.inf
+    lower = begin + layer * size - pad if layer > 0 else -np.inf
+    upper = begin + (layer + 1) * size + pad if layer < grid.n - 1 else np.inf
     return lower, upper
+
+
+@inlined
+def other_axes(axis):
+    """The two axes along a layer across an axis, in ascending order."""
+    return 1 - min(axis, 1), 2 - axis // 2
 
 
 @kernel
@@ -392,18 +399,18 @@ def _mark_layers(ticket, hulls, grid, pad, marked, table):
     table : (n + 1, n + 1) int32, scratch memory of the thread
     """
     n = grid.n
-    bounds = _Bounds(ptr(hulls.lower), ptr(hulls.upper), ptr(hulls.grow), ptr(hulls.swell))
+    bounds = HullPointers(ptr(hulls.lower), ptr(hulls.upper), ptr(hulls.grow), ptr(hulls.swell))
     grid_pointers = pointers_of(grid)
     for item in items(ticket):
         axis, layer = item // n, item % n
-        u, v = 1 - min(axis, 1), 2 - axis // 2
-        layer_lower, layer_upper = _walls(grid, axis, layer, pad)
+        u, v = other_axes(axis)
+        layer_lower, layer_upper = walls_of(grid_pointers, axis, layer, pad)
         table[:] = 0
         for i in range(hulls.start[axis], hulls.start[axis + 1]):
-            low, high = _while_within(bounds, i * 3 + axis, layer_lower, layer_upper)
+            low, high = while_within(bounds, i * 3 + axis, layer_lower, layer_upper)
             if low <= high:
-                u0, u1 = _cells_between(bounds, i * 3 + u, u, low, high, pad, grid_pointers)
-                v0, v1 = _cells_between(bounds, i * 3 + v, v, low, high, pad, grid_pointers)
+                u0, u1 = cells_between(bounds, i * 3 + u, u, low, high, pad, grid_pointers)
+                v0, v1 = cells_between(bounds, i * 3 + v, v, low, high, pad, grid_pointers)
                 _add_rectangle(ptr(table), n + 1, u0, u1, v0, v1)
         _mark_sums(table, axis, layer, marked)
 
@@ -431,12 +438,28 @@ def mark_hulls(
 ) -> int:
     """Set to 1 the cells of ``marked``, (n, n, n) uint8, that a segment from a source to the query's light can meet.
 
-    Returns the number of target boxes. Each layer is marked by one thread. Threads can only share a cell of layers
-    along different axes, and all of them write 1, so their order does not matter, as in the paper.
+    Returns the number of target boxes.
     """
-    targets, pad = targets_of(query, cell_size(grid)), np.float64(PAD * np.abs(grid.bounds).max())
+    targets = targets_of(query, cell_size(grid))
+    mark_between(sources, targets, grid, marked, threads)
+    return len(targets.boxes)
+
+
+def pad_of(grid: CellGrid) -> np.float64:
+    """By how much layers and hulls are padded, above all rounding errors."""
+    return np.float64(PAD * np.abs(grid.bounds).max())
+
+
+def mark_between(
+    sources: NDArray[np.float64], targets: Targets, grid: CellGrid, marked: NDArray[np.uint8], threads: int
+) -> None:
+    """Set to 1 the cells of ``marked`` between sources and targets.
+
+    Each layer is marked by one thread. Threads can only share a cell of layers along different axes, and all of them
+    write 1, so their order does not matter, as in the paper.
+    """
+    pad = pad_of(grid)
     new_table = lambda: (np.empty((grid.n + 1, grid.n + 1), np.int32),)
     for first in range(0, len(sources), _SOURCES):
         hulls = hulls_between(sources[first : first + _SOURCES], targets, grid)
         run(_mark_layers, threads, new_ticket(3 * grid.n, 1), hulls, grid, pad, marked, own=new_table)
-    return len(targets.boxes)

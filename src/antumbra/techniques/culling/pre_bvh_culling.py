@@ -31,8 +31,10 @@ from .culling_grid import (
     CellGrid,
     GridPointers,
     ReceiverTiles,
+    Targets,
     bounds_of,
     cell_number,
+    cell_size,
     cells_at,
     grid_over,
     mark_hulls,
@@ -86,7 +88,7 @@ def marked_cells_of(cells: NDArray[np.uint8], threads: int) -> MarkedCells:
     return MarkedCells(cells, sums)
 
 
-class _Table(NamedTuple):
+class Table(NamedTuple):
     """Pointers to the arrays of `MarkedCells` and of the grid, which must outlive them."""
 
     cells: U8Ptr  # uint8 *
@@ -112,14 +114,8 @@ def _any_marked(table, low, high):
 
 
 @inlined
-def _is_relevant(corners, i, table):
-    """Whether the box of triangle i overlaps the grid and a marked cell."""
-    a, b, c = corners_of(corners, i)
-    low, high = minimum(minimum(a, b), c), maximum(maximum(a, b), c)
-    fourth = mask_from_bits4(8)  # the fourth lanes always pass
-    inside = (low <= load4(table.grid.bounds, 4)) & (high >= load4(table.grid.bounds, 0)) | fourth
-    if not all_lanes(inside):
-        return False
+def overlaps_marked(table, low, high):
+    """Whether a box that overlaps the grid (f32x4 each) overlaps a marked cell."""
     first, last = cells_at(table.grid, low), cells_at(table.grid, high)
     number = cell_number(table.grid, first)
     if number == cell_number(table.grid, last):
@@ -127,11 +123,21 @@ def _is_relevant(corners, i, table):
     return _any_marked(table, first, last)
 
 
+@inlined
+def _is_relevant(corners, i, table):
+    """Whether the box of triangle i overlaps the grid and a marked cell."""
+    a, b, c = corners_of(corners, i)
+    low, high = minimum(minimum(a, b), c), maximum(maximum(a, b), c)
+    fourth = mask_from_bits4(8)  # the fourth lanes always pass
+    inside = (low <= load4(table.grid.bounds, 4)) & (high >= load4(table.grid.bounds, 0)) | fourth
+    return overlaps_marked(table, low, high) if all_lanes(inside) else False
+
+
 @kernel
 def _find(ticket, corners, grid, marks, ids, counts):
     """Worker: write the relevant triangles of each chunk to `ids`, starting at the chunk's first index."""
     values, out = ptr(corners), ptr(ids)
-    table = _Table(ptr(marks.cells), ptr(marks.sums), pointers_of(grid))
+    table = Table(ptr(marks.cells), ptr(marks.sums), pointers_of(grid))
     for first, last in shares(ticket):
         n = first
         for i in range(first, last):
@@ -233,6 +239,28 @@ class CullResult(NamedTuple):
     targets: int  # number of target boxes or cells
 
 
+class BoundedSegments(NamedTuple):
+    """Where the segments of a set of queries are: those of a pair go from its sources to its targets."""
+
+    grid: CellGrid
+    pairs: list[tuple[NDArray[np.float64], Targets]]  # boxes of receivers, as from `sources_of`, and of light samples
+
+
+def bound_segments(
+    triangles: Triangles, queries: Sequence[ShadowQuery], threads: int | None = None, *, n: int = 32
+) -> BoundedSegments | None:
+    """What `mark_segments` marks by the method HULLS; None: no segment can meet a triangle."""
+    threads = thread_count(threads)
+    groups = _groups(queries, threads)
+    grid, pairs = _grid_of(groups, triangles, threads, n, segment_box), []
+    if grid is None:
+        return None
+    for tiles, group_queries in groups:
+        sources = sources_of(tiles, grid, threads)
+        pairs += [(sources, targets_of(query, cell_size(grid))) for query in group_queries]
+    return BoundedSegments(grid, pairs)
+
+
 class Marking(NamedTuple):
     """The grid of a set of queries, with the cells that their segments may enter marked."""
 
@@ -255,12 +283,12 @@ def mark_segments(
 
     The parameters are those of `cull`.
     """
-    threads, corners = thread_count(threads), triangles.vertices.reshape(-1, 9)
+    threads = thread_count(threads)
     groups = _groups(queries, threads)
-    box = method.box(groups, corners, threads) if groups and len(corners) else None
-    if box is None:
+    grid = _grid_of(groups, triangles, threads, n, method.box)
+    if grid is None:
         return None
-    grid, marked, counts = grid_over(*box, n), np.zeros((n, n, n), np.uint8), np.zeros(2, np.int64)
+    marked, counts = np.zeros((n, n, n), np.uint8), np.zeros(2, np.int64)
     for tiles, group_queries in groups:
         sources = method.sources(tiles, grid, threads)
         lap("sources")
@@ -325,6 +353,19 @@ def cull(
     """
     marking = mark_segments(triangles, queries, threads, n=n, method=method, lap=lap)
     return select_relevant(triangles, marking, threads, lap)
+
+
+def _grid_of(
+    groups: Sequence[QueryGroup],
+    triangles: Triangles,
+    threads: int,
+    n: int,
+    box_of: Callable[[Sequence[QueryGroup], NDArray[np.float32], int], Box | None],
+) -> CellGrid | None:
+    """The grid of groups of queries; None: no segment can meet a triangle."""
+    corners = triangles.vertices.reshape(-1, 9)
+    box = box_of(groups, corners, threads) if groups and len(corners) else None
+    return None if box is None else grid_over(*box, n)
 
 
 def _groups(queries: Sequence[ShadowQuery], threads: int) -> list[QueryGroup]:

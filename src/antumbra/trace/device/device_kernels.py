@@ -38,6 +38,7 @@ from ...kernels.jit import inlined, kernel
 from ...kernels.simd import f32_at, f64_at, get, i32_at, put, stack_f32
 from ...kernels.toolchain.device_code import DeviceKernel
 from ...scene.scene_bounds import NEAREST
+from .build_kernels import BUILD_KERNELS
 from .device_rays import AGAIN, BLOCKED, TRACED, DevicePatch, RayBuffers, SampleBuffers, ray_at
 from .device_traversal import PRIM, REST, TRIANGLE, WON, TreeBuffers, Work, counts_with, list_pair, walk
 
@@ -328,21 +329,32 @@ class PointBuffer(NamedTuple):
     row: int  # 3; or 0, if all rays share one row
     frame: tuple[float, float, float]  # world position of the origin of the scene's frame; 0 for directions
     directions: int  # 1: directions, which must not be zero; 0: points
+    limit: float  # largest magnitude in the frame
+
+
+@inlined
+def _world(points, i, k):
+    at = points.row * i + k
+    return get(f64_at(points.address), at) if points.double != 0 else np.float64(get(f32_at(points.address), at))
 
 
 @inlined
 def _coordinate(points, i, k):
-    at, moved = points.row * i + k, points.frame[k]
-    x = get(f64_at(points.address), at) if points.double != 0 else np.float64(get(f32_at(points.address), at))
-    y = np.float32(x - moved)
+    y = np.float32(_world(points, i, k) - points.frame[k])
     return y if points.directions != 0 or abs(y) >= _NEAREST or y != y else np.float32(0.0)
+
+
+@inlined
+def _is_exact(points, i, k, x):
+    """Whether the coordinate x in the frame gives that of the world."""
+    return np.float64(x) + points.frame[k] == _world(points, i, k)
 
 
 @kernel
 def frame_points(points, n, out, faults):  # out: address of int32
     """Convert n points to the scene's frame, as `query.ray_list.RayArrays.local`, and count invalid ones.
 
-    faults : two int32: their number, and the index of one of them
+    faults : three int32: their number, the index of one of them, and 1 if the frame does not hold all digits of a point
     """
     i = thread_index()
     if i < n:
@@ -351,24 +363,24 @@ def frame_points(points, n, out, faults):  # out: address of int32
         put(f32_at(out), 3 * i + 1, y)
         put(f32_at(out), 3 * i + 2, z)
         still = points.directions != 0 and x == 0.0 and y == 0.0 and z == 0.0
-        if still or not (abs(x) < _INF and abs(y) < _INF and abs(z) < _INF):
+        if still or not (abs(x) <= points.limit and abs(y) <= points.limit and abs(z) <= points.limit):
             atomic_add(i32_at(faults), 0, 1)
             put(i32_at(faults), 1, i)
-
-
-# --- Refit ------------------------------------------------------------------------------------------------------------
+        if not (_is_exact(points, i, 0, x) and _is_exact(points, i, 1, y) and _is_exact(points, i, 2, z)):
+            put(i32_at(faults), 2, 1)
 
 
 @kernel
-def move_corners(tree, vertices, n):  # tree: TreeBuffers, n: number
-    """Copy moved vertices, 9 float32 per triangle, to the slots of their triangles."""
-    slot = thread_index()
-    if slot < n:
-        words, source = f32_at(tree.triangles), f32_at(vertices)
-        at = 9 * np.int64(get(i32_at(tree.triangles), TRIANGLE * slot + PRIM))
-        for k in range(3):
-            for axis in range(3):
-                put(words, TRIANGLE * slot + 4 * k + axis, get(source, at + 3 * k + axis))
+def gather_points(points, corners, n, out):  # points, out: addresses of float32, corners: of int32
+    """Write the points of n corners."""
+    i = thread_index()
+    if i < n:
+        at = 3 * np.int64(get(i32_at(corners), i))
+        for axis in range(3):
+            put(f32_at(out), 3 * i + axis, get(f32_at(points), at + axis))
+
+
+# --- Refit ------------------------------------------------------------------------------------------------------------
 
 
 @inlined
@@ -426,10 +438,9 @@ KERNELS = {
     "report_hits": DeviceKernel(report_hits, (TREE, RAYS, WORK, HITS, 0, 0)),
     "write_blocked": DeviceKernel(write_blocked, (0, 0, 0)),
     "write_numbers": DeviceKernel(write_numbers, (HITS, 0, 0, 0, 0, 0)),
-    "frame_points": DeviceKernel(frame_points, (PointBuffer(0, 0, 0, _ZERO, 0), 0, 0, 0)),
-    "move_corners": DeviceKernel(move_corners, (TREE, 0, 0)),
+    "frame_points": DeviceKernel(frame_points, (PointBuffer(0, 0, 0, _ZERO, 0, 0.0), 0, 0, 0)),
+    "gather_points": DeviceKernel(gather_points, (0, 0, 0, 0)),
     "refit_nodes": DeviceKernel(refit_nodes, (TREE, 0, 0, 0)),
+    **BUILD_KERNELS,
 }
-"""Name -> kernel."""
-
-DEVICE_KERNELS = list(KERNELS.values())
+"""Name -> kernel. `techniques.culling.device_culling` adds to it."""

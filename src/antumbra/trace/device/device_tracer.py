@@ -14,6 +14,7 @@ from numpy.typing import DTypeLike, NDArray
 from ...base.forks import renew_after_fork
 from ...base.progress import ProgressCallback
 from ...bvh.nodes import Bvh
+from ...bvh.triangle_bounds import trivial_bvh
 from ...devices.arrays import DeviceArray
 from ...devices.device import Device, DeviceMemory
 from ...kernels.marshalling import address_of
@@ -26,8 +27,9 @@ from .device_kernels import RECORD, HitBuffers
 from .device_launches import DeviceLaunches
 from .device_rays import AGAIN, BLOCKED, CLEAR, TRACED, DevicePatch, RayBuffers, SampleBuffers, pack_receivers
 from .device_traversal import PAIRS, REST, WON, Work
-from .device_tree import DeviceTree
+from .device_tree import DeviceTree, UploadedTree
 from .resident_rays import ResidentRays
+from .tree_build import BuiltTree, source_of
 
 CHUNK = 1 << 24
 """Largest number of rays traced together."""
@@ -76,6 +78,8 @@ class DeviceTracer:
 
     Attributes
     ----------
+    lock : RLock
+        Held by every call.
     undecided, on_cpu : int
         The numbers of tests so far that float32 left to float64, and that float64 left to the CPU.
     """
@@ -86,13 +90,13 @@ class DeviceTracer:
         self.undecided = self.on_cpu = 0
         self._receivers: NDArray[np.float32] | None = None  # on the host, where copies to the device are fast
         self._corners: tuple[object, object, DeviceMemory] | None = None  # owner and place on the host, and the copy
-        self._lock = threading.RLock()
+        self.lock = threading.RLock()
         renew_after_fork(self)
 
     def _after_fork(self) -> None:
-        self._lock = threading.RLock()  # so that the error of a device in a child is raised
+        self.lock = threading.RLock()  # so that the error of a device in a child is raised
 
-    def tree(self, bvh: Bvh) -> DeviceTree:
+    def tree(self, bvh: Bvh) -> UploadedTree:
         """A tree, uploaded.
 
         Raises
@@ -100,12 +104,44 @@ class DeviceTracer:
         OutOfDeviceMemory
             If it does not fit.
         """
-        with self._lock:
-            return DeviceTree(bvh, self.launches)
+        with self.lock:
+            return UploadedTree(bvh, self.launches)
 
-    def move(self, tree: DeviceTree, bvh: Bvh, vertices: NDArray[np.float32]) -> None:
-        """Move the triangles of a tree, see `DeviceTree.move`."""
-        with self._lock:
+    def build(self, vertices: NDArray[np.float32] | DeviceMemory, faces: NDArray[np.int32] | None = None) -> DeviceTree:
+        """The tree of `bvh.lbvh`, built on the device.
+
+        vertices : as for `source_of`
+        faces : (k,) int32, ascending: those in the tree; None: all
+
+        Raises
+        ------
+        OutOfDeviceMemory
+            If it does not fit.
+        """
+        with self.lock:
+            source = source_of(vertices, faces, self.launches)
+            if source.n < 2:
+                if isinstance(vertices, DeviceMemory):
+                    vertices = vertices.read(np.empty((vertices.size // 36, 3, 3), np.float32))
+                bvh = trivial_bvh((vertices if faces is None else vertices[faces]).reshape(-1, 9))
+                return UploadedTree(bvh if faces is None else bvh._replace(prim_ids=faces), self.launches)
+            return BuiltTree(source, self.launches)
+
+    def refit(self, tree: DeviceTree, vertices: NDArray[np.float32] | DeviceMemory, limit: float) -> DeviceTree | None:
+        """A tree from `build` with moved triangles, which leaves that one unchanged; None: build another one.
+
+        limit : the maximum SAH cost, relative to that of the tree when it was built
+        """
+        with self.lock:
+            if not isinstance(tree, BuiltTree):
+                return None
+            moved = tree.refitted(vertices)
+            assert moved.built_cost is not None
+            return moved if moved.cost() <= limit * moved.built_cost else None
+
+    def move(self, tree: UploadedTree, bvh: Bvh, vertices: NDArray[np.float32]) -> None:
+        """Move the triangles of a tree, see `UploadedTree.move`."""
+        with self.lock:
             tree.move(bvh, vertices)
 
     # --- Queries ------------------------------------------------------------------------------------------------------
@@ -113,7 +149,7 @@ class DeviceTracer:
     def trace_rays(self, tree: DeviceTree, rays: RayArguments, any_hit: bool, threads: int) -> HitArrays:
         """The hits of valid rays."""
         arrays, out = rays.arrays(), hit_arrays(rays.n, any_hit)
-        with self._lock:
+        with self.lock:
             for first in range(0, rays.n, CHUNK):
                 part = slice(first, min(first + CHUNK, rays.n))
                 n = part.stop - first
@@ -134,7 +170,7 @@ class DeviceTracer:
         InputError
             If a ray is invalid: NaN, infinity or a zero direction.
         """
-        with self._lock:
+        with self.lock:
             buffers, n = rays.in_frame(self.launches), rays.n
             chunk = self.traced(tree, buffers, n, rays.cull_faces, any_hit, threads)
             if any_hit:
@@ -181,7 +217,7 @@ class DeviceTracer:
         spp, receivers = query.samples.shape[1], query.sides.size
         words = bits.reshape(receivers, -1)
         at_once = max(CHUNK // spp, 1)
-        with self._lock:
+        with self.lock:
             buffers = self._sample_buffers(query, threads)
             for first in range(0, receivers, at_once):
                 n = min(at_once, receivers - first)

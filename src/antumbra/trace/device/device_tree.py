@@ -1,11 +1,11 @@
-"""The tree on a device: uploaded once, and refitted there when triangles move."""
+"""Trees on a device, and those that the CPU has built: uploaded once, and refitted there when triangles move."""
 
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...bvh.nodes import LINK, Bvh, Reach, parents_first
+from ...bvh.nodes import LINK, Bvh, Reach, aligned_empty, parents_first
 from ...devices.device import Device, DeviceMemory
 from .device_launches import DeviceLaunches
 from .device_traversal import PRIM, TRIANGLE, TreeBuffers
@@ -52,27 +52,53 @@ def levels_from_below(bvh: Bvh) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
 class DeviceTree:
     """A binary BVH on a device.
 
-    bvh : Bvh
-        The same tree on the host, with which the CPU decides what the device cannot.
+    launches : DeviceLaunches
+    nodes, triangles : DeviceMemory
+        As `TreeBuffers` describes them.
+    n : number of triangles
     """
 
-    def __init__(self, bvh: Bvh, launches: DeviceLaunches) -> None:
-        device = launches.device
-        device.check_room(tree_bytes(bvh), "the tree of the scene")
-        self.bvh, self._launches = bvh, launches
-        self._nodes = device.upload(bvh.nodes, "the nodes of the tree")
-        self._triangles = device.upload(device_triangles(bvh), "the triangles of the tree")
-        self._levels: tuple[DeviceMemory, NDArray[np.int64]] | None = None
-        self.reach = reach_of_root(bvh.nodes[0])
+    def __init__(self, launches: DeviceLaunches, nodes: DeviceMemory, triangles: DeviceMemory, n: int) -> None:
+        self.launches, self.nodes, self.triangles, self.n = launches, nodes, triangles, n
+        self._bvh: Bvh | None = None
+        self.reach: Reach = (np.float32(0.0),) * 3
 
     @property
     def device(self) -> Device:
-        return self._launches.device
+        return self.launches.device
 
     @property
     def buffers(self) -> TreeBuffers:
         """The tree as kernels take it."""
-        return TreeBuffers(self._nodes.address, self._triangles.address, self.reach)
+        return TreeBuffers(self.nodes.address, self.triangles.address, self.reach)
+
+    @property
+    def faces(self) -> tuple[int, int]:
+        """The index in the scene of each slot's triangle: the address of the first one, and the next one's distance."""
+        return self.triangles.address + 4 * PRIM, TRIANGLE
+
+    @property
+    def bvh(self) -> Bvh:
+        """The same tree on the host, with which the CPU decides what the device cannot."""
+        if self._bvh is None:
+            nodes = self.nodes.read(aligned_empty((self.nodes.size // 64, 16), "f4"))
+            words = self.triangles.read(np.empty((self.n, TRIANGLE), np.float32))
+            corners = np.ascontiguousarray(words.reshape(-1, 3, 4)[..., :3]).reshape(-1, 9)
+            self._bvh = Bvh(nodes, nodes.view(np.int32), words.view(np.int32)[:, PRIM].copy(), corners)
+        return self._bvh
+
+
+class UploadedTree(DeviceTree):
+    """A tree that the CPU has built."""
+
+    def __init__(self, bvh: Bvh, launches: DeviceLaunches) -> None:
+        device = launches.device
+        device.check_room(tree_bytes(bvh), "the tree of the scene")
+        nodes = device.upload(bvh.nodes, "the nodes of the tree")
+        triangles = device.upload(device_triangles(bvh), "the triangles of the tree")
+        super().__init__(launches, nodes, triangles, len(bvh.prim_ids))
+        self._bvh, self.reach = bvh, reach_of_root(bvh.nodes[0])
+        self._levels: tuple[DeviceMemory, NDArray[np.int64]] | None = None
 
     def move(self, bvh: Bvh, vertices: NDArray[np.float32]) -> None:
         """Move the triangles of the tree and refit its boxes on the device.
@@ -83,11 +109,10 @@ class DeviceTree:
         if self._levels is None:
             order, begins = levels_from_below(bvh)
             self._levels = self.device.upload(order, "the levels of the tree"), begins
-        self.bvh, self.reach = bvh, reach_of_root(bvh.nodes[0])
-        (order_memory, begins), launch = self._levels, self._launches.launch
+        self._bvh, self.reach = bvh, reach_of_root(bvh.nodes[0])
+        (order_memory, begins), launch = self._levels, self.launches.launch
         with self.device.upload(np.ascontiguousarray(vertices), "the moved triangles") as moved:
-            n = len(bvh.prim_ids)
-            launch("move_corners", (self.buffers, moved.address, n), n)
+            launch("write_triangles", (self.buffers, *self.faces, moved.address, self.n), self.n)
             for first, end in pairwise(begins.tolist()):
                 launch("refit_nodes", (self.buffers, order_memory.address, first, end - first), end - first)
             self.device.synchronise()

@@ -13,6 +13,7 @@ from .device_kernels import PointBuffer
 from .device_launches import DeviceLaunches
 from .device_rays import RayBuffers
 
+_LARGEST = float(np.finfo(np.float32).max)
 _DOUBLE = {np.dtype(np.float32): 0, np.dtype(np.float64): 1}
 
 
@@ -21,8 +22,14 @@ def is_resident(value: object) -> bool:
     return isinstance(value, DeviceArray) or place_of(value) is not None
 
 
-def _borrowed(value: Any, device: Device, what: str) -> BorrowedArray:
-    """An array of points or directions on the device; one on the host is copied there."""
+def borrowed(value: Any, device: Device, what: str) -> BorrowedArray:
+    """An array of points or directions, (..., 3), on the device; one on the host is copied there.
+
+    Raises
+    ------
+    InputError
+        If it is elsewhere, or has another shape or type.
+    """
     if isinstance(value, DeviceArray) and value.device.name == device.name:  # one card has one address space
         array = BorrowedArray(value.memory.address, value.shape, value.dtype, value.memory)
     elif is_resident(value):
@@ -36,6 +43,20 @@ def _borrowed(value: Any, device: Device, what: str) -> BorrowedArray:
     if not array.shape or array.shape[-1] != 3:
         raise InputError(f"{what} must have shape (..., 3), not {array.shape}")
     return array
+
+
+def is_double(array: BorrowedArray) -> int:
+    """1 if points are float64, 0 if they are float32."""
+    return _DOUBLE[array.dtype]
+
+
+def frame_points(points: PointBuffer, n: int, out: int, launches: DeviceLaunches) -> list[int]:
+    """Convert n points to the scene's frame, at the address `out`, and return the faults: see the kernel."""
+    faults = launches.block("faults", 12, "counts")
+    faults.fill()
+    launches.launch("frame_points", (points, n, out, faults.address), n)
+    found: list[int] = faults.read(np.empty(3, np.int32)).tolist()
+    return found
 
 
 def _number(value: ArrayLike, what: str) -> float:
@@ -74,8 +95,8 @@ class ResidentRays(NamedTuple):
         InputError
             If an array is elsewhere, or has another shape or type; if the interval is not of two numbers.
         """
-        start = _borrowed(origins, device, "origins")
-        end = _borrowed(ends, device, "targets" if segments else "directions")
+        start = borrowed(origins, device, "origins")
+        end = borrowed(ends, device, "targets" if segments else "directions")
         shapes = start.shape[:-1], end.shape[:-1]
         shape = max(shapes, key=prod)
         if any(prod(each) != 1 and each != shape for each in shapes):
@@ -99,13 +120,10 @@ class ResidentRays(NamedTuple):
     def _framed(self, what: str, array: BorrowedArray, launches: DeviceLaunches, directions: bool) -> int:
         """The address of the array's points in the scene's frame, float32."""
         out = launches.block("ends" if what != "origins" else what, 12 * max(self.n, 1), "the rays")
-        faults = launches.block("faults", 8, "counts")
-        faults.fill()
         row = 0 if prod(array.shape) == 3 else 3
         frame = (0.0, 0.0, 0.0) if directions else self.frame
-        points = PointBuffer(array.address, _DOUBLE[array.dtype], row, frame, int(directions))
-        launches.launch("frame_points", (points, self.n, out.address, faults.address), self.n)
-        count, ray = faults.read(np.empty(2, np.int32))
+        points = PointBuffer(array.address, is_double(array), row, frame, int(directions), _LARGEST)
+        count, ray, _ = frame_points(points, self.n, out.address, launches)
         if count:
             fault = "hold NaN or infinity, or are beyond float32" + ", or a zero" * directions
             raise InputError(f"{what} {fault} (ray {ray})")

@@ -5,21 +5,25 @@ meet, they answer a few thousand queries: rays through vertices and along edges,
 directions and lengths. Every kernel takes part. A pass is remembered in the user's cache; a failure is an error.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import cache
 from hashlib import blake2b
+from itertools import chain
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...base.files import make_folder
+from ...bvh import lbvh
 from ...bvh.binned_sah import build
-from ...bvh.nodes import Bvh
+from ...bvh.nodes import LINK, Bvh
 from ...bvh.refit import refit
+from ...bvh.tree_quality import sah_cost
 from ...bvh.wide_bvh import widen
+from ...devices.arrays import DeviceArray
 from ...devices.device import Device, DeviceError
 from ...devices.device_list import open_device
 from ...kernels.toolchain.device_code import Form
@@ -29,10 +33,14 @@ from ...query.ray_list import HitArrays, RayArguments, hit_arrays, segments_betw
 from ...query.receivers import FREE, surface_receivers
 from ...query.shadow_query import ShadowQuery, new_bits
 from ...scene.lights import Light, QuadLight, SphereLight
+from ...scene.triangle_setup import survey
 from ..rays.ray_batches import RayTracer
 from ..rays.single_rays import as_built, trace_shadow
 from .device_kernels import KERNELS
+from .device_launches import DeviceLaunches
 from .device_tracer import CAPACITIES, Capacities, DeviceTracer
+from .resident_vertices import ResidentVertices
+from .tree_build import BuiltTree, source_of
 
 _SEED, _RAYS, _RECEIVERS, _SPP = 62, 2000, 512, 4
 _FRAME = 0.0, 0.0, 0.0
@@ -145,6 +153,7 @@ class _Cases(NamedTuple):
     """Queries, and the CPU's answers in the order of `_answers`."""
 
     bvh: Bvh
+    vertices: NDArray[np.float32]  # (n, 3, 3) float32: its triangles
     moved: NDArray[np.float32]  # (n, 3, 3) float32: the triangles at another moment
     segments: RayArguments
     rays: list[RayArguments]
@@ -161,6 +170,7 @@ def _cases() -> _Cases:
     rays = [_rays(rng, vertices, cull_faces) for cull_faces in (0, 1)]
     cases = _Cases(
         bvh,
+        vertices,
         moved,
         _segments(rng, vertices),
         rays,
@@ -208,8 +218,11 @@ class SelfTest(NamedTuple):
 
 
 def run_self_test(device: Device) -> SelfTest:
-    """Let a device answer all queries, with lists of all sizes, and compare its bits with the CPU's."""
+    """Let a device answer all queries, with lists of all sizes, and build trees; compare its bits with the CPU's."""
     cases, answers, wrong = _cases(), 0, 0
+    for found, expected in chain.from_iterable(compare(device) for compare in COMPARISONS):
+        answers += expected.size
+        wrong += expected.size if found.shape != expected.shape else int(np.count_nonzero(found != expected))
     for capacities in _CAPACITIES:
         for found, expected in zip(_answers(device, cases, capacities), cases.answers, strict=True):
             answers += expected.size
@@ -229,6 +242,52 @@ def _answers(device: Device, cases: _Cases, capacities: Capacities) -> Iterator[
             bits = new_bits(query)
             tracer.trace_shadow(tree, query, bits, 1)
             yield bits
+
+
+# --- Trees ------------------------------------------------------------------------------------------------------------
+
+
+Comparison = tuple[NDArray[Any], NDArray[Any]]
+"""What a device has computed, and the same from the CPU."""
+
+
+def _crowd(vertices: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(8 n, 3, 3) float32: copies of n triangles in a row, enough for all kernels of a build."""
+    places = np.zeros((8, 1, 1, 3), np.float32)
+    places[:, 0, 0, 0] = 37.0 * np.arange(8)
+    return (vertices + places).reshape(-1, 3, 3)
+
+
+def _compared_trees(device: Device) -> Iterator[Comparison]:
+    """The parts of an `lbvh`, those of its refit, and the cost of that."""
+    cases, launches = _cases(), DeviceLaunches(device)
+    vertices, moved = _crowd(cases.vertices), _crowd(cases.moved)
+    tree, expected = BuiltTree(source_of(vertices, None, launches), launches), lbvh.build(vertices, 1)
+    yield from zip(_parts(tree.bvh), _parts(expected))
+    refitted, expected = tree.refitted(moved), refit(expected, moved, 1)
+    yield from zip(_parts(refitted.bvh), _parts(expected))
+    yield np.array([refitted.cost()]), np.array([sah_cost(expected)])
+
+
+def _parts(bvh: Bvh) -> tuple[NDArray[np.generic], ...]:
+    return bvh.nodes[:, :LINK], bvh.links[:, LINK:], bvh.prim_ids, bvh.corners
+
+
+def _compared_vertices(device: Device) -> Iterator[Comparison]:
+    """(triangles, areas and bounds that a device finds, those of the CPU), some of them lines and points."""
+    rng, tracer = np.random.default_rng(8), DeviceTracer(device)
+    points = np.concatenate([rng.integers(-3, 4, (100, 3)), rng.normal(0, 5, (500, 3))]).astype(np.float32)
+    corners = np.concatenate([rng.integers(0, 100, 900), rng.integers(0, 600, 2100)]).astype(np.int32)
+    array = DeviceArray(device.upload(points), points.shape, points.dtype, device.queue)
+    framed = ResidentVertices(tracer, array).in_frame(corners, np.array([0.25, 1.0, -2.0]), "the self-test")
+    expected = (points.astype(np.float64) - [0.25, 1.0, -2.0]).astype(np.float32)[corners].reshape(-1, 3, 3)
+    with_area, bounds = survey(expected, 1)
+    assert with_area is not None and framed.with_area is not None
+    yield from ((framed.fetch(), expected), (framed.with_area, with_area), (framed.bounds, bounds))
+
+
+COMPARISONS: list[Callable[[Device], Iterator[Comparison]]] = [_compared_trees, _compared_vertices]
+"""What the self-test compares besides the answers of queries. Modules with other kernels of devices add to it."""
 
 
 # --- First use --------------------------------------------------------------------------------------------------------

@@ -397,6 +397,7 @@ class SampleFrustaTracer(Tracer):
         rate=lambda features: _BESIDE_PACKETS * BlockPackets.cost.rate(features),
         form=BlockPackets.cost.form,
         quick_overhead=0.4,
+        guided=1.9,
         load=0.03,
         saving=0.2,
     )

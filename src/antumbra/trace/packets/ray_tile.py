@@ -133,9 +133,21 @@ def by_receiver(tile, scratch):
     return tile.by_lane
 
 
+@inlined
+def rays_by_stratum(chunk, scratch, valid):
+    """The `TileRays` of the tile in scratch memory where rows are strata; valid: bits of the lanes with a receiver."""
+    tile, strata = tile_at(scratch.tile, 0, chunk), (1 << chunk.n_samples) - 1
+    return TileRays(
+        tile, scratch.pixel, tile.origins, 0, tile.points, tile.dead, strata if valid != 0 else 0, valid, 16, 1
+    )
+
+
 @kernel
-def start_tile(job, chunk, n, scratch, known, counters):
-    """The `TileRays` of tile n. Rays that the receivers' own surfaces surely block are marked as dead.
+def read_tile(job, chunk, n, scratch, known, counters):
+    """Read tile n. Rays that the receivers' own surfaces surely block are marked as dead.
+
+    Return bits of the lanes with a receiver. (Kernels return no pointers: where several call one, these would be in
+    memory, whose pointers have another size in WebAssembly.)
 
     known : pointer to the bits of all receivers; ignored if the job is fresh
     """
@@ -144,7 +156,6 @@ def start_tile(job, chunk, n, scratch, known, counters):
     put(scratch.pixel, 0, y0)
     put(scratch.pixel, 1, x0)
     put(scratch.deferred, 0, 0)
-    strata = (1 << chunk.n_samples) - 1
     valid = load_receivers(chunk, y0, x0, tile)
     if valid != 0:
         bound_receivers(tile, valid)
@@ -154,12 +165,18 @@ def start_tile(job, chunk, n, scratch, known, counters):
             apply_horizon(chunk, y0, x0, valid, tile, scratch.deferred, counters)
         else:
             read_bits(chunk, y0, x0, valid, tile, known)
-        if job.by_sample:
-            points = by_receiver(tile, scratch)
-            return TileRays(tile, scratch.pixel, scratch.origins, 48, points, scratch.dead, valid, strata, 1, 16)
-    return TileRays(
-        tile, scratch.pixel, tile.origins, 0, tile.points, tile.dead, strata if valid != 0 else 0, valid, 16, 1
-    )
+    return valid
+
+
+@inlined
+def start_tile(job, chunk, n, scratch, known, counters):
+    """The `TileRays` of tile n, which `read_tile` reads."""
+    valid = read_tile(job, chunk, n, scratch, known, counters)
+    if valid != 0 and job.by_sample:
+        tile, strata = tile_at(scratch.tile, 0, chunk), (1 << chunk.n_samples) - 1
+        points = by_receiver(tile, scratch)
+        return TileRays(tile, scratch.pixel, scratch.origins, 48, points, scratch.dead, valid, strata, 1, 16)
+    return rays_by_stratum(chunk, scratch, valid)
 
 
 @inlined

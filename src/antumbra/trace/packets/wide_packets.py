@@ -4,19 +4,20 @@ Four rows of a tile's rays traverse the tree together: interval arithmetic tests
 once, and only the boxes that it accepts are tested by rays (`rays.ray_packet`). Incoherent rows advance ray by ray,
 interleaved.
 
-Rows are strata of the light, seen from 16 receivers. In `wide:samples`, they are receivers: their rays start in one
-point, so that packets are narrow next to the receivers, however far apart neighbouring pixels are.
+Rows are strata of the light, seen from 16 receivers; with fewer than four samples, those of four neighbouring tiles. In
+`wide:samples`, they are receivers: their rays start in one point, so that packets are narrow next to the receivers,
+however far apart neighbouring pixels are.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ...base.progress import ProgressCallback
 from ...bvh.nodes import WideBvh, wide_tree_of
 from ...kernels.exact.predicate import two_diff
-from ...kernels.jit import inlined, kernel
-from ...kernels.parallel import items
+from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel
+from ...kernels.parallel import shares
 from ...kernels.simd import (
     absolute,
     bits,
@@ -24,6 +25,7 @@ from ...kernels.simd import (
     load16,
     maximum,
     ptr,
+    ptr_at,
     put,
     splat16,
     stack_f32,
@@ -74,6 +76,8 @@ from .ray_tile import (
     open_rays,
     origins_of,
     query_chunk_in,
+    rays_by_stratum,
+    read_tile,
     rows_are_receivers,
     scratch_in,
     settle,
@@ -82,6 +86,23 @@ from .ray_tile import (
 )
 
 _ROWS, _PRECISE, _RAYS, _TESTS = (BLOCKS * n for n in (BLOCK_WORDS, PRECISE_WORDS, LANES, DEFERRED_WORDS))
+_FLOATS, _INTS = BLOCKS * SCRATCH_FLOATS, BLOCKS * SCRATCH_INTS
+
+
+class _Memory(NamedTuple):
+    """A thread's memory for a packet and its tiles, at most four."""
+
+    floats: F32Ptr  # float32 *, SCRATCH_FLOATS per tile
+    ints: I32Ptr  # int32 *, SCRATCH_INTS per tile
+    batch: RayBlock  # four blocks
+    hits: WideHit  # of these
+    query: Query  # of all packets
+
+
+@inlined
+def _scratch_of(memory, j):
+    """`RayTileScratch` of tile j."""
+    return scratch_in(ptr_at(memory.floats, j * SCRATCH_FLOATS), ptr_at(memory.ints, j * SCRATCH_INTS))
 
 
 @inlined
@@ -113,47 +134,98 @@ def _fill_precise(rays, r, block):
 
 
 @kernel
-def _trace_rows(tree, rays, first, facing, batch, hits, counters):
-    """Trace rows first .. first + 3 of a tile, and mark blocked rays in `rays.dead`."""
-    # In: tree, rays, first, facing. Out: batch, hits, counters, `rays.dead`.
-    alive, query = np.int64(0), Query(facing, True)
-    for j in range(BLOCKS):
-        start(hits_of(hits, j))
-        if rays.rows >> (first + j) & 1:
-            alive |= _fill_block(tree, rays, first + j, block_of(batch, j)) << (j * LANES)
-    blocked = trace_blocks(tree, batch, alive, query, COMMON_TURN, hits, counters)
-    for j in range(BLOCKS):
-        mine, block_hits, r = rays_in(blocked, j), hits_of(hits, j), first + j
-        if get(block_hits.deferred, 0) > 0:
-            block = block_of(batch, j)
-            _fill_precise(rays, r, block)
-            settle_block(tree, block, query, block_hits, counters)
-        mine |= bits(load16(block_hits.lane, 0) != np.int32(NONE))
-        put(rays.dead, r, get(rays.dead, r) | mine)
+def _read_row(tree, rays, r, memory, j):
+    """Read row r of a tile as block j of a packet. Return bits of its rays among those of the packet."""
+    # In: tree, rays, r, j. Out: memory
+    start(hits_of(memory.hits, j))
+    if (rays.rows >> r) & 1 == 0:
+        return np.int64(0)
+    return np.int64(_fill_block(tree, rays, r, block_of(memory.batch, j))) << (j * LANES)
+
+
+@kernel
+def _trace_packet(tree, alive, memory, counters):
+    """Trace the rays of a `tree` in `alive` (bits). Return bits of blocked rays that `memory.hits` does not hold."""
+    return trace_blocks(tree, memory.batch, alive, memory.query, COMMON_TURN, memory.hits, counters)
+
+
+@kernel
+def _finish_row(tree, rays, r, memory, j, blocked, counters):
+    """Settle the deferred tests of row r of a tile, block j of a packet, and mark its blocked rays in `rays.dead`."""
+    # In: tree; memory; blocked, from `_trace_packet`
+    mine, hits = rays_in(blocked, j), hits_of(memory.hits, j)
+    if get(hits.deferred, 0) > 0:
+        block = block_of(memory.batch, j)
+        _fill_precise(rays, r, block)
+        settle_block(tree, block, memory.query, hits, counters)
+    mine |= bits(load16(hits.lane, 0) != np.int32(NONE))
+    put(rays.dead, r, get(rays.dead, r) | mine)
+
+
+@kernel
+def _trace_tile(tree, job, chunk, n, memory, places, counters):
+    """Trace tile n, four rows at a time."""
+    # In: tree; job; chunk; n. Scratch: memory. Out: places, pointer to the bits of all receivers; counters
+    scratch = _scratch_of(memory, 0)
+    rays = start_tile(job, chunk, n, scratch, places, counters)
+    for first in range(0, STRATA, BLOCKS):
+        if rays.rows >> first & ((1 << BLOCKS) - 1) == 0:
+            continue
+        alive = np.int64(0)
+        for j in range(BLOCKS):
+            alive |= _read_row(tree, rays, first + j, memory, j)
+        blocked = _trace_packet(tree, alive, memory, counters)
+        for j in range(BLOCKS):
+            _finish_row(tree, rays, first + j, memory, j, blocked, counters)
+    settle(tree, chunk, rays, scratch, counters)
+    finish_tile(chunk, rays, places)
+
+
+@kernel
+def _trace_tiles(tree, job, chunk, tiles, memory, places, counters):
+    """Trace n <= 4 tiles together, from tile `first` on: a packet holds one stratum of each."""
+    # In: tiles, (first, n); tree, job, chunk, memory and places as for `_trace_tile`
+    (first, n), lanes = tiles, stack_i64(BLOCKS)
+    for j in range(n):
+        put(lanes, j, read_tile(job, chunk, first + j, _scratch_of(memory, j), places, counters))
+    for r in range(chunk.n_samples):
+        alive = np.int64(0)
+        for j in range(n):
+            rays = rays_by_stratum(chunk, _scratch_of(memory, j), get(lanes, j))
+            alive |= _read_row(tree, rays, r, memory, j)
+        blocked = _trace_packet(tree, alive, memory, counters)
+        for j in range(n):
+            rays = rays_by_stratum(chunk, _scratch_of(memory, j), get(lanes, j))
+            _finish_row(tree, rays, r, memory, j, blocked, counters)
+    for j in range(n):
+        scratch = _scratch_of(memory, j)
+        rays = rays_by_stratum(chunk, scratch, get(lanes, j))
+        settle(tree, chunk, rays, scratch, counters)
+        finish_tile(chunk, rays, places)
 
 
 @kernel
 def _trace_packets(ticket, wide, query, samples, job, out, counters):
-    """Worker: trace tiles, four rows at a time."""
+    """Worker: trace tiles, one by one or, where they have too few samples for a packet, four together."""
     # In: wide, a `WideBvh`; query; samples; job, a `RayTileJob`. Out: out, bits of all receivers
-    scratch, tree = scratch_in(stack_f32(SCRATCH_FLOATS), stack_i32(SCRATCH_INTS)), wide_tree_of(wide)
     batch = RayBlock(stack_f32(_ROWS), stack_f64(_PRECISE), stack_i32(_RAYS), True)
     hits, mine = WideHit(stack_i32(_RAYS), stack_i32(_TESTS)), cleared(stack_i64(N_COUNTERS))
-    chunk, places = query_chunk_in(query, samples, job), ptr(out)
-    for n in items(ticket):
-        rays = start_tile(job, chunk, n, scratch, places, mine)
-        for first in range(0, STRATA, BLOCKS):
-            if rays.rows >> first & ((1 << BLOCKS) - 1):
-                _trace_rows(tree, rays, first, chunk.query.facing, batch, hits, mine)
-        settle(tree, chunk, rays, scratch, mine)
-        finish_tile(chunk, rays, places)
+    tree, chunk, places = wide_tree_of(wide), query_chunk_in(query, samples, job), ptr(out)
+    memory = _Memory(stack_f32(_FLOATS), stack_i32(_INTS), batch, hits, Query(chunk.query.facing, True))
+    together = BLOCKS if job.n_samples < BLOCKS and not job.by_sample else 1
+    for begin, end in shares(ticket):
+        for n in range(begin, end, together):
+            if together == 1:
+                _trace_tile(tree, job, chunk, n, memory, places, mine)
+            else:
+                _trace_tiles(tree, job, chunk, (n, min(together, end - n)), memory, places, mine)
     add_counters(counters, mine)
 
 
 class WidePackets(Tracer):
     """The tracer `wide`. It also traces a forest of instances, one ray at a time."""
 
-    description = "packets of 64 rays, from 16 receivers to four strata of the light, eight boxes or triangles in SIMD"
+    description = "packets of 64 rays, from 16 receivers to four strata or 64 to one, eight boxes or triangles in SIMD"
     paper = "Boulos et al. 2006, Geometric and arithmetic culling methods for entire ray packets"
     form = WIDE
     cost = Cost(

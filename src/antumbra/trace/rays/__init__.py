@@ -5,6 +5,7 @@
 - `ray_packet`: packets of coherent rays through the wide BVH
 - `interleaved_rays`: incoherent rays through the wide BVH
 - `single_rays`: the tracer `single`, step counts
+- `row_tiles`: batches of eight by eight rays, where a list holds a picture row by row
 - `ray_batches`: ray arrays, for `Scene.occluded` and `Scene.closest_hit`
 - `hit_reports`: t and weights of hits, sixteen at a time
 - `all_hits`: all hits of ray arrays, or their number

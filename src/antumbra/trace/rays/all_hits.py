@@ -47,8 +47,9 @@ from ...query.ray_list import HitArrays, RayArguments, hit_arrays
 from ...scene.triangles import AllHits
 from .hit_reports import CORNER_WORDS, REPORT_WORDS, Report, compute_numbers, pad, write_hit
 from .interleaved_rays import keep_hits, leaf_of, walk_interleaved
-from .ray_batches import RayTracer, read_batch
+from .ray_batches import RayTracer, read_batch, run_batches
 from .ray_traversal import settle
+from .row_tiles import line_of
 from .wide_traversal import (
     BLOCK_WORDS,
     BLOCKS,
@@ -156,7 +157,7 @@ def _count(ticket, wide, rays, rule, out, faults):
     nothing, tree = stack_i32(1), wide_tree_of(wide)
     sink = HitSink(stack_i32(_RAYS), stack_i32(1), nothing, nothing, np.int64(0), rule)
     for b in items(ticket):
-        n, alive, good = read_batch(tree, rays, b * _RAYS, batch)
+        n, alive, good = read_batch(tree, rays, line_of(b * _RAYS), batch)
         if not good:
             faults[0], ticket[STOP] = True, 1
             break
@@ -171,7 +172,7 @@ def count_all(
     """(n,) int64: the number of hits of each ray, by a rule; None if a ray is invalid."""
     n = rays.n
     counts, faults, ticket = np.empty(n, np.int64), np.zeros(1, np.bool_), new_ticket(-(-n // _RAYS), _CHUNK)
-    run(_count, thread_count(threads), ticket, tracer.tree, rays.packed(), rule, counts, faults)
+    run_batches(_count, threads, ticket, tracer.tree, rays.packed(), rule, counts, faults)
     return None if faults[0] else counts
 
 
@@ -261,7 +262,7 @@ def _collect(ticket, wide, rays, rule, batches, out, scratch):
     report = Report(stack_f32(CORNER_WORDS), stack_f32(BLOCK_WORDS), stack_f64(REPORT_WORDS), sink.rays, sink.slots)
     for k in items(ticket):
         first = batches.numbers[k] * _RAYS
-        n, alive, good = read_batch(tree, rays, first, batch)
+        n, alive, good = read_batch(tree, rays, line_of(first), batch)
         if not good:
             batches.faults[0], ticket[STOP] = True, 1
             break
@@ -329,7 +330,7 @@ def find_all(
             return (_Scratch(np.empty(room + LANES, np.int32), np.empty(room + LANES, np.int64)),)
 
         ticket = new_ticket(len(batches.numbers), _CHUNK)
-        run(_collect, n_threads, ticket, tracer.tree, listed, rule, batches.packed(), out.packed(), own=scratch)
+        run_batches(_collect, threads, ticket, tracer.tree, listed, rule, batches.packed(), out.packed(), own=scratch)
 
     parts = list[AllHits]()
     for begin in range(0, n_batches, memory.together):

@@ -25,7 +25,6 @@ from ...kernels.simd import (
     bits,
     get,
     load8,
-    load16,
     lowest_bit,
     maximum,
     minimum,
@@ -37,6 +36,7 @@ from ...kernels.simd import (
     to_f32,
 )
 from ...kernels.transposition import transposed8
+from .row_tiles import RUN, place_of
 from .wide_traversal import BLOCK_WORDS, DX, LANES, OX, block_of, hits_of, ray_of, slot_of
 
 CORNER_WORDS = 9 * LANES
@@ -104,7 +104,7 @@ def write_hit(tree, rays, k, report, signed, out, at):
 
 
 @inlined
-def _write_misses(tree, hits, n, report, out, first):
+def _write_misses(tree, hits, n, report, out, runs):
     """Write the misses among n rays, and list the rays that hit and their slots. Return their number."""
     n_hits = np.int64(0)
     for i in range(n):
@@ -115,8 +115,8 @@ def _write_misses(tree, hits, n, report, out, first):
         corners = ptr_at(tree.corners, 9 * slot)
         prefetch(corners, 0)
         prefetch(corners, 8)
-        if slot < 0:
-            at = first + i
+        if slot < 0 and i % RUN < runs.columns:
+            at = place_of(runs, i)
             out.face[at], out.t[at], out.u[at], out.v[at] = -1, np.inf, 0.0, 0.0
     return n_hits
 
@@ -169,39 +169,40 @@ def compute_numbers(tree, rays, report, first, n_hits, n):
 
 @inlined
 def _clamped(weights):
-    """`clamp_weight` of sixteen weights."""
+    """`clamp_weight` of some weights."""
     rounded = to_f32(weights)  # before the limits, which are float32 numbers
     return absolute(minimum(maximum(rounded, np.float32(0.0)), np.float32(1.0)))
 
 
 @inlined
-def _write_block(tree, rays, first, report, out, at):
-    """`write_hit` of the hits of sixteen consecutive rays, from hit `first` on, to elements from `at` on."""
+def _write_block(tree, rays, first, report, out, runs):
+    """`write_hit` of the hits of sixteen consecutive rays of a batch, from hit `first` on."""
     numbers = report.numbers
-    t, u = load16(numbers, _T), load16(numbers, _U)
-    store(ptr(out.t), at, t)
-    store(ptr(out.u), at, _clamped(u))
-    store(ptr(out.v), at, _clamped(load16(numbers, _V)))
-    for k in range(LANES):
-        out.face[at + k] = get(tree.prim_ids, get(report.slots, first + k))
-    unknown = bits((to_f32(t) == _UNKNOWN) | (to_f32(u) == _UNKNOWN))
-    while unknown:
-        k = lowest_bit(unknown)
-        unknown &= unknown - 1
-        write_hit(tree, rays, first + k, report, False, out, at + k)
+    for half in range(0, LANES, RUN):
+        at, t, u = place_of(runs, first + half), load8(numbers, _T + half), load8(numbers, _U + half)
+        store(ptr(out.t), at, t)
+        store(ptr(out.u), at, _clamped(u))
+        store(ptr(out.v), at, _clamped(load8(numbers, _V + half)))
+        for k in range(RUN):
+            out.face[at + k] = get(tree.prim_ids, get(report.slots, first + half + k))
+        unknown = bits((to_f32(t) == _UNKNOWN) | (to_f32(u) == _UNKNOWN))
+        while unknown:
+            k = lowest_bit(unknown)
+            unknown &= unknown - 1
+            write_hit(tree, rays, first + half + k, report, False, out, at + k)
 
 
 @inlined
-def write_nearest(tree, rays, hits, n, report, out, first):
-    """Write the nearest hits of n rays of several blocks from element `first` of the arrays on."""
-    n_hits = _write_misses(tree, hits, n, report, out, first)
+def write_nearest(tree, rays, hits, n, report, out, runs):
+    """Write the nearest hits of n rays of several blocks, the batch `runs` of the list that the arrays are for."""
+    n_hits = _write_misses(tree, hits, n, report, out, runs)
     if n_hits == 0:
         return
     pad(report, n_hits)
     for begin in range(0, n_hits, LANES):
         compute_numbers(tree, rays, report, begin, n_hits, n)
         if n_hits == n and begin + LANES <= n:
-            _write_block(tree, rays, begin, report, out, first + begin)
+            _write_block(tree, rays, begin, report, out, runs)
             continue
         for k in range(begin, min(begin + LANES, n_hits)):
-            write_hit(tree, rays, k, report, False, out, first + np.int64(get(report.rays, k)))
+            write_hit(tree, rays, k, report, False, out, place_of(runs, np.int64(get(report.rays, k))))

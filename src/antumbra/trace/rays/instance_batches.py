@@ -15,7 +15,7 @@ from ...bvh.instance_trees import CORNERS, GROUPS, MESH_WORDS, NODES, InstanceTr
 from ...bvh.nodes import EMPTY, GROUP_WORDS, NODE_WORDS, WIDTH, wide_leaf
 from ...kernels.exact.filters import BEYOND, lines_may_pass
 from ...kernels.jit import F32Ptr, F64Ptr, I32Ptr, I64Ptr, inlined, kernel
-from ...kernels.parallel import STOP, items, new_ticket, run, thread_count
+from ...kernels.parallel import STOP, items, new_ticket
 from ...kernels.simd import (
     as_f32,
     bits,
@@ -48,7 +48,8 @@ from .instance_traversal import (
     test_triangle,
 )
 from .interleaved_rays import begin_tree, pop, push
-from .ray_batches import read_batch, write_blocked
+from .ray_batches import read_batch, run_batches, write_blocked
+from .row_tiles import line_of
 from .wide_traversal import (
     BLOCK_WORDS,
     BLOCKS,
@@ -349,17 +350,17 @@ def _batches(ticket, arrays, rays, any_hit, out, faults):
     )
     found = WideHit(stack_i32(RAYS), stack_i32(1))
     for b in items(ticket):
-        n, alive, good = read_batch(scene, rays, b * RAYS, batch)
+        n, alive, good = read_batch(scene, rays, line_of(b * RAYS), batch)
         if not good:
             faults[0], ticket[STOP] = True, 1
             break
         hit = _trace(scene, batch, alive, query, hits, state)
         if any_hit:
-            write_blocked(hit, n, out.blocked, b * RAYS)
+            write_blocked(hit, n, line_of(b * RAYS), out.blocked)
         else:
             for i in range(RAYS):
                 put(found.lane, i, np.int32(-2 - i if hit >> i & 1 else NONE))
-            write_nearest(hits, batch, found, n, report, out, b * RAYS)
+            write_nearest(hits, batch, found, n, report, out, line_of(b * RAYS))
 
 
 def trace_list(
@@ -367,5 +368,5 @@ def trace_list(
 ) -> bool:
     """Trace rays and fill `out`. Return False, with `out` incomplete, if a ray is invalid."""
     faults, ticket = np.zeros(1, np.bool_), new_ticket(-(-rays.n // RAYS), _CHUNK)
-    run(_batches, thread_count(threads), ticket, trees.arrays, rays.packed(), any_hit, out.packed(), faults)
+    run_batches(_batches, threads, ticket, trees.arrays, rays.packed(), any_hit, out.packed(), faults)
     return not faults[0]

@@ -4,18 +4,20 @@ Coherent rays are traced as packets (`ray_packet`), others interleaved (`interle
 t and weights of nearest hits. `all_hits` finds all hits of such batches.
 """
 
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ...bvh.nodes import WideBvh, wide_tree_of
 from ...kernels.exact.predicate import two_diff
 from ...kernels.jit import inlined, kernel
-from ...kernels.marshalling import packed
-from ...kernels.parallel import NEXT, STOP, N, items, new_ticket, run, thread_count
+from ...kernels.marshalling import Packed, packed
+from ...kernels.parallel import NEXT, STOP, N, Ticket, items, new_ticket, run, run_short, thread_count
 from ...kernels.simd import (
     absolute,
     all_lanes,
-    as_i32,
     bits,
     broadcast16,
     f32_at,
@@ -24,7 +26,10 @@ from ...kernels.simd import (
     i32_at,
     load16,
     load16x3,
+    mask_from_bits16,
     maximum,
+    popcount,
+    prefetch,
     ptr,
     ptr_at,
     put,
@@ -44,6 +49,7 @@ from ..counters import N_COUNTERS, RAYS, add_counters, cleared, count, new_count
 from .hit_reports import CORNER_WORDS, REPORT_WORDS, Report, write_nearest
 from .interleaved_rays import walk_interleaved
 from .ray_packet import LITTLE_TURN, is_coherent_with, walk_packet
+from .row_tiles import NO_RUNS, RUN, Runs, line_of, number_at, runs_of
 from .wide_traversal import (
     BLOCK_WORDS,
     BLOCKS,
@@ -72,57 +78,62 @@ from .wide_traversal import (
 _RAYS, _ROWS, _ENDS, _TESTS = (BLOCKS * n for n in (LANES, BLOCK_WORDS, PRECISE_WORDS, DEFERRED_WORDS))  # of all blocks
 _LISTED = _RAYS + LANES
 _CHUNK = 16  # batches that a thread takes at a time
+_FEW = 512  # batches
+_LINE = 16  # float32 of a cache line
+_FIRST_COLUMN = np.int64(0x0101010101010101)  # bits of the first ray of each run
+_LINES = packed(NO_RUNS)
 _FINITE = np.float32(3.4028235e38)
 _NEAREST, _ZERO = np.float32(NEAREST), np.float32(0.0)
 
 
 @inlined
-def _fill_vectors(operand, first, shift, rows, at):
+def _fill_vectors(operand, first, step, shift, rows, at):
     """`_fill` for contiguous rows of three numbers, as in arrays of vectors."""
-    begin = operand.address + first * operand.row
+    begin, next_run = operand.address + first * operand.row, 3 * (step - RUN)  # 0 if the runs are consecutive
+    left = mask_from_bits16(np.int64((1 << RUN) - 1))
     if operand.double:
-        columns = load16x3(f64_at(begin), 0)
+        columns, others = load16x3(f64_at(begin), 0), load16x3(f64_at(begin), next_run)
         for k in range(3):
-            store(rows, at + LANES * k, to_f32(columns[k] - shift[k]))
+            store(rows, at + LANES * k, select(left, to_f32(columns[k] - shift[k]), to_f32(others[k] - shift[k])))
     else:
-        columns = load16x3(f32_at(begin), 0)
+        columns, others = load16x3(f32_at(begin), 0), load16x3(f32_at(begin), next_run)
         for k in range(3):
-            store(rows, at + LANES * k, to_f32(to_f64(columns[k]) - shift[k]))
+            store(rows, at + LANES * k, to_f32(to_f64(select(left, columns[k], others[k])) - shift[k]))
 
 
 @inlined
-def _number(operand, place):
-    """The number at an address, in float64."""
-    return get(f64_at(place), 0) if operand.double else np.float64(get(f32_at(place), 0))
+def _ray_at(first, step, i, last):
+    """Ray i of two runs of eight, of which the second is `step` after the `first`; at most the `last` one."""
+    return min(first + (step - RUN) * (i // RUN) + i, last)
 
 
 @inlined
-def _fill(operand, first, last, shift, rows, at):
-    """Write one argument of rays first .. first + 15, minus `shift` and rounded, to rows of a block from word `at`."""
+def _fill(operand, first, step, last, shift, rows, at):
+    """Write one argument of two runs of rays, minus `shift` and rounded, to rows of a block from word `at`."""
     for i in range(LANES):
-        begin = operand.address + min(first + i, last) * operand.row
+        begin = operand.address + _ray_at(first, step, i, last) * operand.row
         for k in range(3):
-            put(rows, at + LANES * k + i, np.float32(_number(operand, begin + k * operand.column) - shift[k]))
+            put(rows, at + LANES * k + i, np.float32(number_at(operand, begin + k * operand.column) - shift[k]))
 
 
 @inlined
-def _fill_points(operand, first, last, shift, rows, at):
+def _fill_points(operand, first, step, last, shift, rows, at):
     """`_fill`, faster for contiguous arrays."""
     side_by_side = operand.column == 4 << operand.double and operand.row == 3 * operand.column
-    if side_by_side and first + LANES - 1 <= last:
-        _fill_vectors(operand, first, shift, rows, at)
+    if side_by_side and first + step + RUN - 1 <= last:
+        _fill_vectors(operand, first, step, shift, rows, at)
     else:
-        _fill(operand, first, last, shift, rows, at)
+        _fill(operand, first, step, last, shift, rows, at)
 
 
 @inlined
-def _fill_ends(number, first, last, block, k):
-    """Write tmin (k = 0) or tmax (k = 1) of rays first .. first + 15. Return whether all are valid."""
+def _fill_ends(number, first, step, last, block, k):
+    """Write tmin (k = 0) or tmax (k = 1) of two runs of rays. Return whether all are valid."""
     rows, ends, good = ptr_at(block.rows, TMIN + LANES * k), ptr_at(block.precise, ENDS + LANES * k), True
     for i in range(1 if number.row == 0 else LANES):
         t = number.shared
         if number.address != 0:
-            t = _number(number, number.address + min(first + i, last) * number.row)
+            t = number_at(number, number.address + _ray_at(first, step, i, last) * number.row)
         put(ends, i, t)
         put(rows, i, np.float32(t))
         good &= t == t and (k == 1 or (t >= 0.0 and t < np.inf))
@@ -152,23 +163,24 @@ def _settle(rows, at):
 
 
 @inlined
-def _load(args, first, last, block):
-    """Convert rays first .. first + 15, and repeat the `last` one beyond the end.
+def _load(args, first, step, last, block):
+    """Convert two runs of rays, see `_ray_at`, and repeat the `last` one beyond the end.
 
     Return (whether all are valid, bits of the rays with a non-zero direction). Only segments may have zero directions.
     """
     f, rows, skip, zero, frame = np.float32, block.rows, block.skip, np.float64(0.0), args.frame
-    _fill_points(args.origins, first, last, frame, rows, OX)
-    _fill_points(args.directions, first, last, frame if block.segments else (zero, zero, zero), rows, DX)
+    _fill_points(args.origins, first, step, last, frame, rows, OX)
+    shift = frame if block.segments else (zero, zero, zero)
+    _fill_points(args.directions, first, step, last, shift, rows, DX)
     _settle(rows, OX)
     if block.segments:
         _settle(rows, DX)
-    good = _fill_ends(args.tmin, first, last, block, 0) and _fill_ends(args.tmax, first, last, block, 1)
+    good = _fill_ends(args.tmin, first, step, last, block, 0) and _fill_ends(args.tmax, first, step, last, block, 1)
     if args.skip.address == 0:
         store(skip, 0, splat16(np.int32(args.skip.shared)))
     else:
         for i in range(LANES):
-            put(skip, i, get(i32_at(args.skip.address + min(first + i, last) * args.skip.row), 0))
+            put(skip, i, get(i32_at(args.skip.address + _ray_at(first, step, i, last) * args.skip.row), 0))
     finite = absolute(load16(rows, OX)) <= _FINITE  # false for NaN too
     for k in range(1, 6):
         finite &= absolute(load16(rows, OX + LANES * k)) <= _FINITE
@@ -180,21 +192,25 @@ def _load(args, first, last, block):
 
 
 @inlined
-def read_batch(tree, rays, first, batch):
-    """Read up to 64 rays of a list, from `first` on, and prepare their blocks.
+def read_batch(tree, rays, runs, batch):
+    """Read up to 64 rays of a list, those of a `Runs`, and prepare their blocks.
 
-    Return (number of rays, bits of the rays with a non-zero direction, whether all are valid).
+    Return (number of rays in the blocks, bits of the rays with a non-zero direction, whether all are valid).
     """
-    n = min(_RAYS, rays.n - first)
-    alive = -1 if n == _RAYS else (1 << n) - 1
+    n, alive = _RAYS, np.int64(-1)
+    if runs.step != RUN:
+        alive = ((1 << runs.columns) - 1) * _FIRST_COLUMN
+    elif rays.n - runs.first < _RAYS:
+        n = rays.n - runs.first
+        alive = (np.int64(1) << n) - 1
     for j in range((n + LANES - 1) // LANES):
         block = block_of(batch, j)
-        good, moving = _load(rays, first + j * LANES, rays.n - 1, block)
+        good, moving = _load(rays, runs.first + 2 * j * runs.step, runs.step, rays.n - 1, block)
         if not good:
             return n, np.int64(0), False
         alive &= moving << (j * LANES) | ~rays_of_block(j)
         prepare(block.rows, tree.reach)
-    return n, np.int64(alive), True
+    return n, alive, True
 
 
 @inlined
@@ -211,15 +227,17 @@ def _packet_rays(rows, first, candidates, tree_reach, turn, any_hit):
 
 
 @inlined
-def write_blocked(blocked, n, out, first):
-    """Write n answers (bits) from element `first` on, which is a multiple of 4."""
-    if n == _RAYS:
-        words = as_i32(ptr(out))
-        for k in range(_RAYS // 4):  # a product spreads four bits over the bytes of a word
-            put(words, first // 4 + k, np.int32(((blocked >> 4 * k) & 15) * 0x204081 & 0x1010101))
-    else:
-        for i in range(n):
-            out[first + i] = (blocked >> i) & 1
+def write_blocked(blocked, n, runs, out):
+    """Write the answers (bits) of a batch with n rays."""
+    whole = n == _RAYS and runs.columns == RUN
+    for k in range((n + RUN - 1) // RUN):
+        first, answers = runs.first + k * runs.step, blocked >> k * RUN
+        if whole:
+            for i in range(RUN):
+                out[first + i] = (answers >> i) & 1
+        else:
+            for i in range(min(runs.columns, n - k * RUN)):
+                out[first + i] = (answers >> i) & 1
 
 
 @inlined
@@ -243,8 +261,32 @@ def trace_blocks(tree, rays, alive, query, turn, hits, counters):
     return blocked
 
 
+class _Batches(NamedTuple):
+    """A list of rays, and its batches."""
+
+    rays: Packed  # a `RayList`
+    runs: NDArray[np.int64] | Packed  # (b, 3), from `runs_of`
+
+
+@inlined
+def _fetch_next(rays, runs, any_hit, out):
+    """Prefetch the memory of the next tile, whose rows are more streams than a processor foresees."""
+    for k in range(RUN):
+        i = runs.first + k * runs.step + RUN
+        for operand in (rays.origins, rays.directions):
+            row = f32_at(operand.address + i * operand.row)
+            for word in range(0, RUN * operand.row // 4, _LINE):
+                prefetch(row, word)
+        if not any_hit:
+            prefetch(ptr(out.t), i)
+            prefetch(ptr(out.face), i)
+            prefetch(ptr(out.u), i)
+            prefetch(ptr(out.v), i)
+
+
 @kernel
-def _blocks(ticket, wide, rays, any_hit, out, faults, counters):
+def _blocks(ticket, wide, batches, any_hit, out, faults, counters):
+    rays, listed = batches.rays, batches.runs
     rows, precise, skip = stack_f32(_ROWS), stack_f64(_ENDS), stack_i32(_RAYS)
     hits = WideHit(stack_i32(_RAYS), stack_i32(_TESTS))
     report = Report(
@@ -253,12 +295,14 @@ def _blocks(ticket, wide, rays, any_hit, out, faults, counters):
     batch, query = RayBlock(rows, precise, skip, rays.segments), Query(rays.cull_faces, any_hit)
     mine, tree = cleared(stack_i64(N_COUNTERS)), wide_tree_of(wide)
     for b in items(ticket):
-        first = b * _RAYS
-        n, alive, good = read_batch(tree, rays, first, batch)
+        runs = Runs(listed[b, 0], listed[b, 1], listed[b, 2]) if len(listed) > 0 else line_of(b * _RAYS)
+        n, alive, good = read_batch(tree, rays, runs, batch)
         if not good:
             faults[0], ticket[STOP] = True, 1
             break
-        count(mine, RAYS, n)
+        if runs.step != RUN:
+            _fetch_next(rays, runs, any_hit, out)
+        count(mine, RAYS, popcount(alive))
         n_blocks = (n + LANES - 1) // LANES
         for j in range(n_blocks):
             start(hits_of(hits, j))
@@ -270,10 +314,21 @@ def _blocks(ticket, wide, rays, any_hit, out, faults, counters):
             if any_hit:
                 blocked |= bits(load16(block_hits.lane, 0) != NONE) << (j * LANES)
         if any_hit:
-            write_blocked(blocked, n, out.blocked, first)
+            write_blocked(blocked, n, runs, out.blocked)
         else:
-            write_nearest(tree, batch, hits, n, report, out, first)
+            write_nearest(tree, batch, hits, n, report, out, runs)
     add_counters(counters, mine)
+
+
+def run_batches(
+    worker: Callable[..., object],
+    threads: int | None,
+    ticket: Ticket,
+    *args: Any,
+    own: Callable[[], Iterable[Any]] = tuple,
+) -> None:
+    """`run`; or `run_short` for a few batches, which take milliseconds."""
+    (run_short if ticket[N] <= _FEW else run)(worker, thread_count(threads), ticket, *args, own=own)
 
 
 class _BatchScratch:
@@ -314,16 +369,17 @@ class RayTracer:
         queries take rays only, not segments.
         """
         scratch = self._spare.pop() if self._spare else _BatchScratch()
-        blocks = -(-rays.n // _RAYS)
-        scratch.begin(blocks)
         ticket, faults, own_counters = scratch.packed
         sums = own_counters if counters is None else counters
-        listed, output = rays.packed(), out.packed()
-        if blocks <= _CHUNK:  # no second thread would get any
-            _blocks(ticket, self.tree, listed, any_hit, output, faults, sums)
+        listed, output, n = rays.packed(), out.packed(), rays.n
+        if n <= _CHUNK * _RAYS:  # no second thread would get any
+            scratch.begin(-(-n // _RAYS))
+            _blocks(ticket, self.tree, _Batches(listed, _LINES), any_hit, output, faults, sums)
         else:
-            n_threads = thread_count(threads)
-            run(_blocks, n_threads, scratch.ticket, self.tree, listed, any_hit, output, faults, sums)
+            runs = runs_of(listed, n)
+            scratch.begin(len(runs) or -(-n // _RAYS))
+            args = self.tree, _Batches(listed, runs), any_hit, output, faults, sums
+            run_batches(_blocks, threads, scratch.ticket, *args)
         legal = not scratch.faults[0]
         self._spare.append(scratch)
         return legal

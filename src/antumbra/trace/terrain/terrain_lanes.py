@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ...base.progress import ProgressCallback
 from ...kernels.exact.predicate import segment
-from ...kernels.jit import F32Ptr, F64Ptr, I32Ptr, I64Ptr, inlined, kernel
+from ...kernels.jit import F32Ptr, F64Ptr, I32Ptr, I64Ptr, U8Ptr, inlined, kernel
 from ...kernels.parallel import items, new_ticket, run
 from ...kernels.simd import (
     bits,
@@ -65,6 +65,11 @@ class _ReliefPointers(NamedTuple):
     rows: int  # of the grid
     columns: int
     highest: np.float32
+    holes: U8Ptr
+    row_pad: int  # around the grid
+    column_pad: int
+    row_border: int  # rows without data along each side of the grid
+    column_border: int
 
 
 class _StencilPointers(NamedTuple):
@@ -94,10 +99,12 @@ class _Run(NamedTuple):
 
 @inlined
 def _relief_pointers(relief, tree):
+    inside = np.int64(relief.bordered)
     return _ReliefPointers(
         ptr(relief.high), ptr(relief.low), ptr(relief.tops), ptr(relief.starts), ptr(relief.widths),
         np.int64(relief.whole), np.int64(relief.high.shape[1]), np.int64(len(tree.y)), np.int64(len(tree.x)),
-        np.float32(tree.highest),
+        np.float32(tree.highest), ptr(relief.holes),
+        (1 - inside) * ROW_PAD, (1 - inside) * COLUMN_PAD, inside * ROW_PAD, inside * COLUMN_PAD,
     )  # fmt: skip
 
 
@@ -142,7 +149,7 @@ def _run_at(tree, relief, query, i, end):
     if 0 <= row < relief.rows and 0 <= column < tree.columns:
         while n < LANES and i + n < end and _is_over(tree, query, i + n, row, column + n):
             n += 1
-    at = (row + ROW_PAD) * relief.stride + column + COLUMN_PAD
+    at = (row + relief.row_pad) * relief.stride + column + relief.column_pad
     return _Run(i, row, column, at, (np.int64(1) << n) - 1)
 
 
@@ -154,21 +161,29 @@ def _steps_inside(relief, stencils, run, s):
     """The number of steps of a stencil after which all lanes have left the grid."""
     du, dv = get(stencils.per_step, 2 * s), get(stencils.per_step, 2 * s + 1)
     most = np.float64(get(stencils.steps, s + 1) - get(stencils.steps, s))
+    columns, rows = relief.columns - relief.column_border, relief.rows - relief.row_border
+    column, row = run.column - relief.column_border + LANES, run.row - relief.row_border + 1
     if du != 0.0:
-        most = min(most, ((relief.columns - run.column) if du > 0.0 else (run.column + LANES)) / abs(du) + 1.0)
+        most = min(most, ((columns - run.column) if du > 0.0 else column) / abs(du) + 1.0)
     if dv != 0.0:
-        most = min(most, ((relief.rows - run.row) if dv > 0.0 else (run.row + 1)) / abs(dv) + 1.0)
+        most = min(most, ((rows - run.row) if dv > 0.0 else row) / abs(dv) + 1.0)
     return np.int64(most)
 
 
 @inlined
-def _top_ahead(relief, stencils, run, level, k):
-    """The greatest height that lanes may reach in the steps from k on; `level`: its index, the quadrant, its shift."""
+def _block_ahead(relief, stencils, run, level, k):
+    """The block, in `tops` and `holes`, of the steps from k on; `level`: its index, the quadrant, its shift."""
     index, quadrant, shift = level
-    row = run.row + ROW_PAD + get(stencils.place, 2 * k + 1)
-    column = run.column + COLUMN_PAD + get(stencils.place, 2 * k)
+    row = run.row + relief.row_pad + get(stencils.place, 2 * k + 1)
+    column = run.column + relief.column_pad + get(stencils.place, 2 * k)
     start = get(relief.starts, 2 * quadrant + index)
-    return get(relief.tops, start + (row >> shift) * get(relief.widths, index) + (column >> shift))
+    return start + (row >> shift) * get(relief.widths, index) + (column >> shift)
+
+
+@inlined
+def _top_ahead(relief, stencils, run, level, k):
+    """The greatest height that lanes may reach in the steps from k on; `level`: as for `_block_ahead`."""
+    return get(relief.tops, _block_ahead(relief, stencils, run, level, k))
 
 
 @inlined
@@ -190,13 +205,25 @@ def _solid_lanes(relief, stencils, run, begin, end):
     return bits(lowest > splat16(NO_SURFACE))
 
 
+@kernel
+def _has_holes(relief, stencils, run, s, last):
+    """Whether the relief may have holes near a run in the steps of stencil s, of `stencils`, before `last`."""
+    quadrant = get(stencils.quadrant, s)
+    for k in range(get(stencils.steps, s), last, 2 * _FINE):
+        if get(relief.holes, _block_ahead(relief, stencils, run, (0, quadrant, _FINE_SHIFT), k)) != 0:
+            return True
+    return False
+
+
 @inlined
-def _under(relief, stencils, run, z, begin, e):
-    """Bits of the lanes that have met the surface by crossing e; `begin`: the first crossing of the stencil."""
+def _under(relief, stencils, run, z, s, until, e):
+    """Bits of the lanes that have met the surface by crossing e of stencil s, which is in a step before `until`."""
     height, lower = _edge(relief.low, stencils, run.at, e)
     under = bits((z + get(stencils.below, e) < height) & (lower > splat16(NO_SURFACE)))
+    if under != 0 and relief.row_border != 0:
+        return np.int64(0) if _has_holes(relief, stencils, run, s, until) else under
     if under != 0 and relief.whole == 0:
-        under &= _solid_lanes(relief, stencils, run, begin, e)
+        under &= _solid_lanes(relief, stencils, run, get(stencils.first, get(stencils.steps, s)), e)
     return under
 
 
@@ -205,7 +232,7 @@ def _march(relief, stencils, run, s, z):
     """Bits of the lanes that are certainly blocked, and of those that are undecided; z : heights of 16 receivers."""
     first, quadrant = get(stencils.steps, s), get(stencils.quadrant, s)
     last = first + _steps_inside(relief, stencils, run, s)
-    begin, k, blocked, unsure = get(stencils.first, first), first, np.int64(0), np.int64(0)
+    k, blocked, unsure = first, np.int64(0), np.int64(0)
     heights, waiting = load16(z, 0), run.lanes
     while k < last and waiting != 0:
         lowest = reduce_min(select(mask_from_bits16(waiting), heights, splat16(_FAR))) + get(stencils.rise, k)
@@ -221,9 +248,9 @@ def _march(relief, stencils, run, s, z):
         until = min(k + _STEPS, last)
         for e in range(get(stencils.first, k), get(stencils.first, until)):
             surface, _ = _edge(relief.high, stencils, run.at, e)
-            touched = bits(heights + get(stencils.above, e) <= surface) & waiting
+            touched = ~bits(heights + get(stencils.above, e) > surface) & waiting  # also where it is NaN
             if touched != 0:
-                under = _under(relief, stencils, run, heights, begin, e) & touched
+                under = _under(relief, stencils, run, heights, s, until, e) & touched
                 blocked, unsure, waiting = blocked | under, unsure | touched, waiting & ~under
         k = until
     return blocked, unsure & ~blocked

@@ -28,7 +28,7 @@ from ...scene.scene_bounds import flush_to_zero
 from ...scene.terrain import GridPoints, HeightGrid
 
 RECEIVERS = 256  # receivers that a thread takes at a time
-_PAD = 2.0**-21  # squares are enlarged by this many times the longer side of the grid, in squares
+PAD = 2.0**-21  # squares are enlarged by this many times the longer side of the grid, in squares
 _RAISE = 2.0**-40  # heights are raised by this fraction of the largest coordinate along the up axis
 BLOCKERS = 64  # samples whose latest blockers are remembered
 _LEAST_UNDER = 1e-30  # so that a flat surface is not below itself
@@ -52,6 +52,7 @@ class TerrainTree(NamedTuple):
     highest: float  # greatest height
     reach: float  # largest magnitude of a height
     under: float  # a segment that begins above the surface and is this far below it somewhere has met it; inf: holes
+    base: int = 0  # the lowest level in `tops`; each node below has the height of the one there that contains it
 
 
 def terrain_tree(surface: HeightGrid, origin: NDArray[np.float64]) -> TerrainTree:
@@ -63,14 +64,14 @@ def terrain_tree(surface: HeightGrid, origin: NDArray[np.float64]) -> TerrainTre
     )
     tops = [_tops_of_squares(z)]
     while max(tops[-1].shape) > 1:
-        tops.append(_halved(tops[-1]))
+        tops.append(halved(tops[-1]))
     sizes = np.array([level.size for level in tops], np.int64)
     heights = z[~np.isnan(z)]
     return TerrainTree(
         x, y, z, np.concatenate([level.reshape(-1) for level in tops]), np.append(0, np.cumsum(sizes)),
         np.array([level.shape[1] for level in tops], np.int64),
         grid.west - origin[0], grid.north - origin[1], 1.0 / grid.dx, 1.0 / grid.dy,
-        _PAD * max(grid.rows, grid.columns), float(heights.max()), float(np.abs(heights).max()),
+        PAD * max(grid.rows, grid.columns), float(heights.max()), float(np.abs(heights).max()),
         _under(grid, x, y, z, origin),
     )  # fmt: skip
 
@@ -81,13 +82,20 @@ def _under(grid: GridPoints, x: np.ndarray, y: np.ndarray, z: np.ndarray, origin
     The surface lies within (shift_x + shift_y) x the steepest edge of the surface over the even grid, if float32 moves
     vertices by these parts of a cell. Twice as much covers the float64 arithmetic.
     """
-    steepest = max(float(np.abs(np.diff(z, axis=k)).max(initial=0.0)) for k in range(2))
     if np.isnan(z).any():
         return np.inf
+    steepest = max(float(np.abs(np.diff(z, axis=k)).max(initial=0.0)) for k in range(2))
+    return under_of(grid, x, y, origin, steepest, float(np.abs(z).max()))
+
+
+def under_of(
+    grid: GridPoints, x: np.ndarray, y: np.ndarray, origin: NDArray[np.float64], steepest: float, reach: float
+) -> float:
+    """The field `under` of a `TerrainTree` without holes; `steepest`: greatest difference of neighbouring heights."""
     shift_x = np.abs((x.astype(np.float64) + origin[0] - grid.west) / grid.dx - np.arange(grid.columns)).max()
     shift_y = np.abs((grid.north - origin[1] - y.astype(np.float64)) / grid.dy - np.arange(grid.rows)).max()
     shift = float(shift_x + shift_y) + 1e-9
-    return np.inf if shift > 0.1 else 2.0 * shift * steepest + _RAISE * float(np.abs(z).max()) + _LEAST_UNDER
+    return np.inf if shift > 0.1 else 2.0 * shift * steepest + _RAISE * reach + _LEAST_UNDER
 
 
 def _tops_of_squares(z: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -101,7 +109,7 @@ def _tops_of_squares(z: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.where(diagonal, np.maximum(south, east), np.float32(-np.inf))
 
 
-def _halved(level: NDArray[np.float32]) -> NDArray[np.float32]:
+def halved(level: NDArray[np.float32]) -> NDArray[np.float32]:
     """The maxima of 2 x 2 nodes."""
     rows, columns = level.shape
     padded = np.pad(level, ((0, rows & 1), (0, columns & 1)), constant_values=-np.inf)
@@ -132,6 +140,7 @@ class _Pointers(NamedTuple):
     reach: float
     rows: int
     under: float
+    base: int
 
 
 @inlined
@@ -139,9 +148,9 @@ def terrain_pointers(tree):
     """The `_Pointers` of a `TerrainTree`, which must outlive them."""
     return _Pointers(
         ptr(tree.x), ptr(tree.y), ptr(tree.z), ptr(tree.tops), ptr(tree.starts), ptr(tree.widths),
-        np.int64(len(tree.x)), np.int64(len(tree.widths) - 1),
+        np.int64(len(tree.x)), np.int64(tree.base + len(tree.widths) - 1),
         tree.west, tree.north, tree.per_x, tree.per_y, tree.pad, tree.highest, tree.reach,
-        np.int64(len(tree.y)), tree.under,
+        np.int64(len(tree.y)), tree.under, np.int64(tree.base),
     )  # fmt: skip
 
 
@@ -182,13 +191,29 @@ def _grid_ray(tree, ray):
 
 
 @inlined
+def _corner_top(tree, top, i, j):
+    """The greatest height of the corners of a square, at most `top`; -inf outside the grid."""
+    if i >= tree.rows - 1 or j >= tree.columns - 1:
+        return np.float32(-np.inf)
+    at, highest = i * tree.columns + j, np.float32(-np.inf)
+    for k in range(4):
+        z = get(tree.z, at + (k >> 1) * tree.columns + (k & 1))
+        highest = z if z > highest else highest  # not NaN
+    return highest if highest < top else top
+
+
+@inlined
 def _top(tree, r, level, a, b):
-    """The greatest height of node (a, b) of a level, in turned axes; -inf outside the grid."""
-    nodes = r.side >> level
-    column, row = (nodes - 1 - a if r.west else a), (nodes - 1 - b if r.north else b)
-    columns = get(tree.widths, level)
-    at = get(tree.starts, level) + row * columns + column
-    return get(tree.tops, at) if column < columns and at < get(tree.starts, level + 1) else np.float32(-np.inf)
+    """The greatest height of node (a, b) of a level, in turned axes, or more below `base`; -inf outside the grid."""
+    below = tree.base - level if level < tree.base else np.int64(0)
+    nodes, k = r.side >> (level + below), level + below - tree.base
+    column, row, columns = a >> below, b >> below, get(tree.widths, k)
+    column, row = (nodes - 1 - column if r.west else column), (nodes - 1 - row if r.north else row)
+    at = get(tree.starts, k) + row * columns + column
+    top = get(tree.tops, at) if column < columns and at < get(tree.starts, k + 1) else np.float32(-np.inf)
+    if level == 0 and below > 0:
+        return _corner_top(tree, top, r.side - 1 - b if r.north else b, r.side - 1 - a if r.west else a)
+    return top
 
 
 @inlined

@@ -10,7 +10,7 @@ length. Both are bounded here, times the steepest edge, so that a comparison out
 exact float32 segment and the exact float32 triangles (docs/design/terrain.md).
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,21 +40,27 @@ class Relief(NamedTuple):
     whole: int  # 1: there are no holes
     steepest: float  # greatest difference of neighbouring heights
     shift: float  # squares: greatest difference of a vertex from the even grid
+    holes: NDArray[np.uint8]  # as `tops`: whether vertices, or triangles beside them, may be missing there
+    bordered: int  # 1: `high` and `low` are those of the tree, which has the border, and `holes` is not empty
+
+
+def shift_of(tree: TerrainTree) -> float:
+    """The field `shift` of a `Relief`."""
+    columns = (tree.x.astype(np.float64) - tree.west) * tree.per_x - np.arange(len(tree.x))
+    rows = (tree.north - tree.y.astype(np.float64)) * tree.per_y - np.arange(len(tree.y))
+    return float(max(np.abs(columns).max(), np.abs(rows).max())) + 1e-12
 
 
 def relief_of(tree: TerrainTree) -> Relief:
     """The `Relief` of a surface."""
-    columns = (tree.x.astype(np.float64) - tree.west) * tree.per_x - np.arange(len(tree.x))
-    rows = (tree.north - tree.y.astype(np.float64)) * tree.per_y - np.arange(len(tree.y))
-    shift = float(max(np.abs(columns).max(), np.abs(rows).max())) + 1e-12
     holes = np.pad(np.isnan(tree.z), ((ROW_PAD, ROW_PAD), (COLUMN_PAD, COLUMN_PAD)), constant_values=True)
     high = np.pad(tree.z, ((ROW_PAD, ROW_PAD), (COLUMN_PAD, COLUMN_PAD)), constant_values=NO_SURFACE)
     high[holes] = NO_SURFACE
     low = np.where(_lacks_triangle(holes), NO_SURFACE, high)
     _widen(high, holes)
-    tops, starts, widths = _tops(high)
+    tops = reached([block_maxima(high, side) for side in BLOCKS])
     whole = int(not np.isnan(tree.z).any())
-    return Relief(high, low, tops, starts, widths, whole, _steepest(high), shift)
+    return Relief(high, low, *tops, whole, _steepest(high), shift_of(tree), np.empty(0, np.uint8), 0)
 
 
 def _lacks_triangle(holes: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -88,10 +94,12 @@ def _steepest(high: NDArray[np.float32]) -> float:
     return most
 
 
-def _tops(high: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.int64], NDArray[np.int64]]:
-    """The fields `tops`, `starts` and `widths` of a `Relief`; see `quadrant_of`."""
-    tables, widths = list[np.ndarray](), list[int]()
-    blocks = [_block_maxima(high, side) for side in BLOCKS]
+def reached(blocks: list[NDArray[Any]]) -> tuple[NDArray[Any], NDArray[np.int64], NDArray[np.int64]]:
+    """The greatest values that rays may reach from each block; `starts` and `widths` of a `Relief`.
+
+    blocks : of each level of `BLOCKS`, the greatest value of each block
+    """
+    tables = list[np.ndarray]()
     for quadrant in range(4):
         # From a block b, a ray of 2 x side steps, 16 lanes wide, reaches these blocks before and after b.
         above, below = (3, 1) if quadrant & 1 else (1, 3)
@@ -102,14 +110,14 @@ def _tops(high: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.in
     return np.concatenate([each.reshape(-1) for each in tables]), starts.astype(np.int64), np.array(widths, np.int64)
 
 
-def _block_maxima(high: NDArray[np.float32], side: int) -> NDArray[np.float32]:
-    """(rows, columns) float32: the greatest height of each block of side x side cells."""
+def block_maxima(high: NDArray[Any], side: int) -> NDArray[Any]:
+    """(rows, columns): the greatest value of each block of side x side cells."""
     rows, columns = (np.arange(0, n, side) for n in high.shape)
-    out: NDArray[np.float32] = np.maximum.reduceat(np.maximum.reduceat(high, columns, axis=1), rows, axis=0)
+    out: NDArray[Any] = np.maximum.reduceat(np.maximum.reduceat(high, columns, axis=1), rows, axis=0)
     return out
 
 
-def _dilated(blocks: NDArray[np.float32], before: int, after: int, axis: int) -> NDArray[np.float32]:
+def _dilated(blocks: NDArray[Any], before: int, after: int, axis: int) -> NDArray[Any]:
     """The greatest of the blocks from `before` before to `after` after each one along an axis."""
     out, n = blocks.copy(), blocks.shape[axis]
     for k in range(-before, after + 1):
@@ -207,6 +215,8 @@ def _stencil(tree: TerrainTree, relief: Relief, offset: NDArray[np.float64]) -> 
     stride = relief.high.shape[1]
     strides = (sign, stride) if by_columns else (sign * stride, 1)
     ends = crossings.ends @ np.array(strides)
+    if ends.size and max(int(ends.max()), -int(ends.min())) > np.iinfo(np.int32).max:  # of a grid beyond 2^31 cells
+        return None
     return _Stencil(
         int(dv < 0.0) | int(du < 0.0) << 1, (du / along, dv / along), place, start.astype(np.float32),
         np.bincount(crossings.step, minlength=count), ends.astype(np.int32), crossings.weights.astype(np.float32),

@@ -48,18 +48,29 @@ class Ground(NamedTuple):
     reach: float  # largest magnitude of a height
 
 
-def ground_of(x: NDArray[np.float32], y: NDArray[np.float32], z: NDArray[np.float32]) -> Ground:
+class KnownHeights(NamedTuple):
+    """What is known of heights, (rows, columns), before their blocks are found."""
+
+    whole: NDArray[np.bool_]  # (rows,): rows without a missing vertex; more may have none
+    reach: float  # largest magnitude of a height
+
+
+def ground_of(
+    x: NDArray[np.float32], y: NDArray[np.float32], z: NDArray[np.float32], known: "KnownHeights | None" = None
+) -> Ground:
     """A `Ground`, with the blocks of its heights."""
-    fine, side, reach = LEVELS[1], 1 << LEVELS[0], 0.0
+    fine, side, reach = LEVELS[1], 1 << LEVELS[0], 0.0 if known is None else known.reach
     tops, holes = list[NDArray[Any]](), list[NDArray[Any]]()
     for first in range(0, len(z), side):
         part = z[first : first + side]
-        whole = not np.isnan(part.min())
+        whole = not np.isnan(part.min()) if known is None else bool(known.whole[first : first + side].all())
         tops.append(_greatest(part, np.maximum if whole else np.fmax, fine))
         holes.append(np.zeros(tops[-1].shape, np.uint8))
         if not whole:
             holes[-1] = _greatest(np.isnan(part).view(np.uint8), np.maximum, fine)
-        reach = max(reach, *(abs(float(each(part, None))) for each in (np.fmin.reduce, np.fmax.reduce)))
+        if known is None:
+            ends = (np.minimum, np.maximum) if whole else (np.fmin, np.fmax)
+            reach = max(reach, *(abs(float(each.reduce(part, None))) for each in ends))
     top, hole = np.concatenate(tops), np.concatenate(holes)
     top[np.isnan(top)] = -np.inf
     wide = [_greatest(each, np.maximum, LEVELS[0] - fine) for each in (top, hole)]

@@ -1,0 +1,223 @@
+"""Trees that a device builds from new vertices, beside the CPU's `lbvh`: the part `build` of benchmarks/device.py.
+
+The scene is a height field of triangles whose waves move. Cases, for each of --triangles:
+
+- `build`: the tree, from vertices on the device or on the host. `differs` counts the words of nodes, triangles and
+  indices that are not the CPU's.
+- `refit`: the same tree after the waves have moved, with its SAH cost, by which plans choose refits
+- `update`: new vertices, from an array on the device, recentred and surveyed
+- `cull`: the tree of what `grid32` leaves for the shadow rays of a picture, from receivers on the host
+- `frame`: the tree of new triangles, and the shadow rays of a picture in it: receivers and vertices on the host before,
+  bits on the host after. `differs` counts receivers.
+
+Steps: each kernel of a build, a refit, an update and of culling with its launches, the time between the events before
+and after them, and the bytes that it must move at least once: what a kernel reads again comes from caches.
+"""
+
+import argparse
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+import antumbra
+from antumbra.bvh import lbvh, refit
+from antumbra.bvh.nodes import LINK, Bvh
+from antumbra.bvh.tree_quality import AREA_ROW
+from antumbra.devices.arrays import DeviceArray
+from antumbra.query.shadow_query import ShadowQuery, new_bits, ray_count
+from antumbra.scene.camera import Camera
+from antumbra.scene.lights import QuadLight
+from antumbra.scene.resident_triangles import FramedVertices
+from antumbra.scene.triangle_setup import survey
+from antumbra.scene.triangles import Triangles
+from antumbra.techniques.culling.device_culling import build_relevant
+from antumbra.techniques.culling.pre_bvh_culling import bound_segments, cull
+from antumbra.trace.device.build_kernels import DIGIT
+from antumbra.trace.device.device_launches import DeviceLaunches
+from antumbra.trace.device.device_tracer import DeviceTracer
+from antumbra.trace.device.device_tree import DeviceTree
+from antumbra.trace.device.resident_vertices import ResidentVertices
+from antumbra.trace.device.tree_build import BuiltTree, source_of
+from antumbra.trace.tracer import TRACERS
+from peers.ray_contest import query_of
+
+MOVED: dict[str, Callable[..., int]] = {
+    "bound_strips": lambda source, strips, n, summary: 36 * source.n + 32 * n,
+    "join_strips": lambda strips, n, out, m: 32 * (n + m),
+    "make_grid": lambda strips, n, grid: 32 * n,
+    "write_codes": lambda source, grid, codes, faces: 44 * source.n,
+    "count_digits": lambda source, shift, counts: 4 * source.n + (4 << DIGIT) * source.parts,
+    "sum_rows": lambda numbers, n, sums, m: 4 * (n + m),
+    "scan_rows": lambda numbers, n, row, starts, m: 8 * n + 4 * m,
+    "scatter_keys": lambda source, shift, places, keys, values: 16 * source.n + (4 << DIGIT) * source.parts,
+    "split_nodes": lambda codes, spines: 12 * spines.n,
+    "count_spines": lambda spines: 12 * spines.n,
+    "write_nodes": lambda spines, nodes, ranges: 12 * spines.n,
+    "write_triangles": lambda tree, faces, step, vertices, n: 88 * n,
+    "bound_slots": lambda tree, n, pyramid: 48 * n + 32 * pyramid.lowest,
+    "join_pairs": lambda pyramid, first, end: 96 * (end - first),
+    "bound_nodes": lambda tree, nodes, ranges, pyramid, n: 84 * n + 64 * pyramid.lowest,
+    "survey_strips": lambda source, strips, n, tags: 40 * source.n + 32 * n,
+    "keep_tagged": lambda source, places, faces: 4 * source.n,
+    "frame_points": lambda points, n, out, faults: (24 + 12 * points.double) * n,
+    "make_hulls": lambda pairs, hulls, n, marked: 100 * n,
+    "mark_layers": lambda hulls, n, marked, pad: 100 * n,
+    "spread_marks": lambda marked: 4 * marked.n**3 + 4 * (marked.n + 1) ** 3,
+    "sum_lines": lambda marked, axis: 8 * (marked.n + 1) ** 3,
+    "tag_triangles": lambda source, marked, tags: 40 * source.n,
+    "sum_areas": lambda tree, n, sums: 64 * n + 16 * (n // AREA_ROW + 1),
+    "join_areas": lambda sums, n, out, m: 16 * (n + m),
+}
+"""Name of a kernel -> the bytes that a launch moves at least, by its arguments."""
+
+
+class Timings(NamedTuple):
+    """How the caller times, and makes rows."""
+
+    timed: Callable[[Callable[[], Any], int], Any]
+    row: Callable[..., dict[str, Any]]
+    rounds: int
+    threads: int
+
+
+# --- The scene --------------------------------------------------------------------------------------------------------
+
+
+def waves(n: int, time: float) -> np.ndarray:
+    """(n, 3, 3) float32: a height field of n triangles over 20 x 20, with waves that move."""
+    side = int(np.ceil(np.sqrt(n / 2)))
+    x, z = np.meshgrid(*2 * [np.linspace(-10, 10, side + 1)])
+    y = np.sin(2.0 * x + time) * np.cos(1.7 * z - time) + 0.1 * np.sin(31 * x) * np.sin(29 * z)
+    p = np.stack([x, y, z], axis=-1).astype(np.float32)
+    a, b, c, d = p[:-1, :-1], p[1:, :-1], p[1:, 1:], p[:-1, 1:]
+    return np.stack([np.stack([a, b, c], 2), np.stack([a, c, d], 2)], 2).reshape(-1, 3, 3)[:n].copy()
+
+
+def shadow_query_of(
+    vertices: np.ndarray, size: tuple[int, int], spp: int, threads: int
+) -> tuple[Triangles, ShadowQuery]:
+    """The triangles of the waves, and the shadow rays of a picture of them, to a light that is low above them."""
+    camera = Camera((0.0, 7.0, 14.0), (0.0, -1.0, 0.0), width=size[0], height=size[1])
+    light = QuadLight((-14.0, 3.0, -3.0), (0.0, 2.0, 0.0), (0.0, 0.0, 2.0))
+    triangles = antumbra.Scene.from_arrays(vertices).triangles()._replace(vertices=vertices, origin=np.zeros(3))
+    return triangles, query_of(triangles, camera, light, spp, threads)
+
+
+# --- Rows -------------------------------------------------------------------------------------------------------------
+
+
+def parts(bvh: Bvh) -> np.ndarray:
+    """The words of a tree, for comparisons; 0 and -0 are equal, but links are not floats."""
+    arrays = bvh.nodes[:, :LINK], bvh.links[:, LINK:], bvh.prim_ids, bvh.corners
+    return np.concatenate([each.ravel().astype(np.float64) for each in arrays])
+
+
+def step_rows(launches: DeviceLaunches, build: Callable[[], Any]) -> Iterator[dict[str, Any]]:
+    """Each kernel that `build` launches: launches, seconds and bytes."""
+    queue, launch, marks = launches.device.queue, launches.launch, []
+
+    def marked(name: str, arguments: Any, threads: int) -> None:
+        before = queue.record()
+        launch(name, arguments, threads)
+        marks.append((name, MOVED[name](*arguments), before, queue.record()))
+
+    launches.launch = marked  # type: ignore[method-assign]
+    try:
+        build()
+    finally:
+        launches.launch = launch  # type: ignore[method-assign]
+    queue.synchronise()
+    found: dict[str, list[float]] = defaultdict(lambda: [0, 0.0, 0])
+    for name, moved, before, after in marks:
+        for k, value in enumerate((1, after.seconds_since(before), moved)):
+            found[name][k] += value
+    for name, (count, seconds, moved) in found.items():
+        yield {"kernel": name, "launches": int(count), "seconds": [seconds], "bytes": int(moved)}
+
+
+def rows(tracer: DeviceTracer, n: int, options: argparse.Namespace, how: Timings) -> Iterator[dict[str, Any]]:
+    """Rows of all cases, and of the steps of a build."""
+    about = {"scene": "waves", "triangles": n}
+    first, second, device = waves(n, 0.0), waves(n, 0.4), tracer.device
+    on_cpu = how.timed(partial(lbvh.build, first, how.threads), how.rounds)
+    with device.upload(first, "the triangles") as memory, device.upload(second, "the triangles") as moved:
+        there = partial(BuiltTree, source_of(memory, None, tracer.launches), tracer.launches)
+        built = how.timed(there, how.rounds)
+        copied = how.timed(partial(tracer.build, first), how.rounds)
+        cpu, truth = on_cpu._replace(answers=parts(on_cpu.answers)), parts(on_cpu.answers)
+        for method, timing in ("device", built), ("device, host arrays", copied):
+            yield how.row(
+                about | {"case": "build"}, method, timing._replace(answers=parts(timing.answers.bvh)), n, truth
+            )
+        yield how.row(about | {"case": "build"}, "cpu", cpu, n, truth)
+
+        def refitted() -> BuiltTree:
+            tree = built.answers.refitted(moved)
+            tree.cost()
+            return tree
+
+        timing = how.timed(refitted, how.rounds)
+        on_cpu = how.timed(partial(refit.refit, on_cpu.answers, second, how.threads), how.rounds)
+        truth = parts(on_cpu.answers)
+        yield how.row(about | {"case": "refit"}, "device", timing._replace(answers=parts(timing.answers.bvh)), n, truth)
+        yield how.row(about | {"case": "refit"}, "cpu", on_cpu._replace(answers=truth), n, truth)
+        array = DeviceArray(memory, first.shape, first.dtype, device.queue)
+
+        def updated() -> FramedVertices:
+            return ResidentVertices(tracer, array).in_frame(None, np.zeros(3), "waves")
+
+        timing, on_cpu = how.timed(updated, how.rounds), how.timed(partial(survey, first, how.threads), how.rounds)
+        truth = bounds_and(first, on_cpu.answers.bounds)
+        answers = bounds_and(timing.answers.fetch(), timing.answers.bounds)
+        yield how.row(about | {"case": "update"}, "device", timing._replace(answers=answers), n, truth)
+        yield how.row(about | {"case": "update"}, "cpu", on_cpu._replace(answers=truth), n, truth)
+        triangles, query = shadow_query_of(first, options.size, options.spp, how.threads)
+
+        def culled() -> DeviceTree:
+            segments = bound_segments(triangles, [query], how.threads)
+            assert segments is not None
+            return build_relevant(tracer, memory, None, segments)
+
+        def culled_on_cpu() -> Bvh:
+            left = cull(triangles, [query], how.threads)
+            bvh = lbvh.build(left.vertices, how.threads)
+            return bvh._replace(prim_ids=left.kept[bvh.prim_ids])
+
+        timing, on_cpu = how.timed(culled, how.rounds), how.timed(culled_on_cpu, how.rounds)
+        truth = parts(on_cpu.answers)
+        yield how.row(about | {"case": "cull"}, "device", timing._replace(answers=parts(timing.answers.bvh)), n, truth)
+        yield how.row(about | {"case": "cull"}, "cpu", on_cpu._replace(answers=truth), n, truth)
+        for case, work in ("build", there), ("refit", refitted), ("update", updated), ("cull", culled):
+            for each in step_rows(tracer.launches, work):
+                yield about | {"case": f"{case} step"} | each
+    yield from frame_rows(tracer, second, options, how, about)
+
+
+def bounds_and(vertices: np.ndarray, bounds: np.ndarray) -> np.ndarray:
+    """Vertices with their bounds, for comparisons."""
+    return np.concatenate([vertices.ravel(), bounds.ravel()])
+
+
+def frame_rows(
+    tracer: DeviceTracer, vertices: np.ndarray, options: argparse.Namespace, how: Timings, about: dict[str, Any]
+) -> Iterator[dict[str, Any]]:
+    """Rows of the first frame of new triangles."""
+    _, query = shadow_query_of(vertices, options.size, options.spp, how.threads)
+    shafts = TRACERS["multifrusta"]
+
+    def on_device() -> np.ndarray:
+        bits = new_bits(query)
+        tracer.trace_shadow(tracer.build(vertices), query, bits, how.threads)
+        return bits
+
+    def on_cpu() -> np.ndarray:
+        bits = new_bits(query)
+        shafts.trace(shafts.prepare(lbvh.build(vertices, how.threads), how.threads), query, bits, how.threads)
+        return bits
+
+    timings = {"device, host arrays": how.timed(on_device, how.rounds), "cpu": how.timed(on_cpu, how.rounds)}
+    for method, timing in timings.items():
+        yield how.row(about | {"case": "frame"}, method, timing, ray_count(query), timings["cpu"].answers)
