@@ -177,7 +177,7 @@ def test_an_asset_that_is_not_edited_is_the_same(rich, tmp_path):
         ({"uv": 0}, "texture"),
         ({"texture": 8}, "texture"),
         ({"texture": 64, "attribute": "_AO"}, "attribute"),
-        ({"texture": 64, "bits": 12}, "bits"),
+        ({"texture": 64, "bit_depth": 12}, "bit_depth"),
         ({"attribute": "AO"}, "_AO"),
         ({"attribute": "_AO", "multiply": True}, "multiply"),
         ({"what": "sun", "texture": 64, "denoise": True}, "denoise"),

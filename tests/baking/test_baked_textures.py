@@ -38,7 +38,7 @@ def brick_file(folder, turn=None):
 def test_a_lightmap_leaves_tiled_textures_as_they_are(tmp_path, what, bits):
     pytest.importorskip("xatlas")
     path, out = brick_file(tmp_path), tmp_path / "out.glb"
-    made = at.bake(path, out, what, lights=SUN, texture=64, bits=bits, spp=4, png=True)
+    made = at.bake(path, out, what, lights=SUN, texture=64, bit_depth=bits, spp=4, png=True)
     before, after = Glb(path), Glb(out)
     material = after.json["materials"][0]
     lightmap = material.pop("extensions").pop("MOZ_lightmap")

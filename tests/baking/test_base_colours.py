@@ -40,7 +40,7 @@ def test_a_texture_that_repeats_is_noted_when_it_is_replaced(tmp_path, what, uv)
         made = baked(path, tmp_path, what, texture=128, uv=uv)
     (note,) = made.notes
     size = int(note.rpartition(" ")[2])
-    assert note.startswith("1 parts have textures") and "leave unlit out" in note and 1000 < size <= 1100
+    assert note.startswith("1 part has textures") and "leave unlit out" in note and 1000 < size <= 1100
     assert not baked(path, tmp_path, what, texture=size, uv=uv).notes
     assert not baked(path, tmp_path, what).notes  # COLOR_0 keeps the texture
     before, after = (Glb(file).json["images"] for file in (path, tmp_path / "out.glb"))
@@ -65,7 +65,7 @@ def test_the_command_prints_the_note(tmp_path, cli):
     pytest.importorskip("xatlas")
     path = floor_file(tmp_path, np.float32(16.0))
     told = cli("bake", path, "-o", "out.glb", "--what", "light", "--unlit", "--texture", "64", "--spp", "16")
-    assert told.code == 0 and "note: 1 parts have textures" in told.err
+    assert told.code == 0 and "note: 1 part has textures" in told.err
     assert (
         len(cli("bake", path, "-o", "out.glb", "--what", "sun", "--unlit", "--texture", "64", "--json").json()["notes"])
         == 1
@@ -97,10 +97,10 @@ def test_textures_that_cannot_be_read_are_noted(tmp_path):
     look = made.add("materials", pbrMetallicRoughness={"baseColorTexture": {"index": 0}})  # without TEXCOORD_0
     made.node(mesh=made.mesh({**floor, "material": look}))
     report = baked(made.write(tmp_path), tmp_path, texture=16, uv=1)
-    assert report.notes == ("1 parts have textures that cannot be read; they are baked as white",)
+    assert report.notes == ("1 part has textures that cannot be read; they are baked as white",)
 
 
-@pytest.mark.parametrize("gap, start", [(-2, "faces overlap in 1024"), (0, "charts of"), (1, "charts of"), (3, None)])
+@pytest.mark.parametrize("gap, start", [(-2, "faces overlap in 1,024"), (0, "charts of"), (1, "charts of"), (3, None)])
 def test_texels_of_several_charts_are_counted(tmp_path, gap, start):
     """Two squares of a part whose charts overlap, touch, or leave a gap."""
     pytest.importorskip("scipy")
@@ -117,7 +117,7 @@ def test_a_replaced_attribute_is_noted(tmp_path):
     colours = np.full((4, 3), 0.5, np.float32)
     path = scene_file(tmp_path, grid([0, 1], [0, 1]), COLOR_0=colours)
     assert at.bake(path, tmp_path / "a.glb", spp=16).notes == (
-        "scene: COLOR_0 of 1 parts is replaced; multiply keeps it",
+        "scene: COLOR_0 of 1 part is replaced; multiply keeps it",
     )
     assert at.bake(path, tmp_path / "a.glb", spp=16, multiply=True).notes == ()
     assert at.bake(path, tmp_path / "a.glb", spp=16, attribute="_AO").notes == ()
@@ -142,7 +142,7 @@ def test_textures_of_converted_scenes_are_noted(tmp_path):
     uv, faces = UV.astype(float), grid([0, 1], [0, 1])[1]
     scene = at.Scene.from_arrays(grid([0, 1], [0, 1])[0], faces, uv=uv, texture=BRICKS)
     (note,) = at.bake(scene, tmp_path / "out.glb", spp=16).notes
-    assert note.startswith("arrays: 1 textures become the mean colours of faces")
+    assert note.startswith("arrays: 1 texture becomes the mean colours of faces")
 
 
 def test_a_clean_bake_has_no_notes(tmp_path):

@@ -144,7 +144,7 @@ def test_a_texture_of_a_wall_has_the_closed_form_everywhere(tmp_path):
 @pytest.mark.parametrize("bits", [8, 16])
 def test_png_and_exr_hold_the_same(tmp_path, bits):
     path = scene_file(tmp_path, grid([-1, 1], [-1, 1]), box((-0.5, 0.2, -0.5), (0.5, 1, 0.5)))
-    at.bake(path, tmp_path / "out.glb", texture=64, bits=bits, exr=True, spp=64)
+    at.bake(path, tmp_path / "out.glb", texture=64, bit_depth=bits, exr=True, spp=64)
     image, values = Glb(tmp_path / "out.glb").image(), exr(tmp_path / "out.exr")
     assert image.shape == values.shape == (64, 64) and image.dtype.itemsize == bits // 8
     np.testing.assert_array_equal(image, np.round(values.astype(float) * (2**bits - 1)))

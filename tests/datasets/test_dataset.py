@@ -52,6 +52,13 @@ def whole(tmp_path_factory) -> Path:
     return folder
 
 
+def test_each_frame_states_how_many_follow(tmp_path, monkeypatch):
+    expected, expect = [], at.Renderer.expect
+    monkeypatch.setattr(at.Renderer, "expect", lambda self, n: expected.append(n) or expect(self, n))
+    at.dataset(SCENE, tmp_path / "set", **ASKED)
+    assert expected == [3, 2, 1]
+
+
 def test_an_exr_holds_what_a_frame_holds(tmp_path):
     camera = SCENE.cameras[0].resized(40, 24)
     at.dataset(SCENE, tmp_path / "set", [camera], LIGHTS, spp=4)
@@ -98,7 +105,7 @@ def test_the_manifest_lists_each_file_with_its_digest(whole):
     settings = found["settings"]
     assert settings["scene"]["sha256"] == digest.hexdigest()
     assert found["complete"] and settings["version"] == at.__version__ and settings["seed"] == 7
-    assert settings["options"] == deciding_fields(at.RenderOptions(spp=4))
+    assert settings["options"] == deciding_fields(at.RenderOptions(spp=4, materials="diffuse"))
     assert [f["made"] for f in found["frames"]] == ["orbit", "random", "random"]
     assert settings["lights"] == [{"layer": f"Light00{k}", "drawn": "frame"} for k in (0, 1)]
     assert [[light["type"] for light in f["lights"]][1] for f in found["frames"]] == ["SphereLight"] * 3

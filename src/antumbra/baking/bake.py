@@ -18,14 +18,15 @@ from ..base.checks import choice
 from ..base.files import atomic_output, checked_output
 from ..base.option_fields import Given, with_keywords
 from ..base.progress import PhaseClock, Progress, with_progress
+from ..base.wording import counted
 from ..engine.scene import Scene
 from ..engine.scene_loading import SceneLike
 from ..formats.format_registry import GLB
 from ..formats.gltf.gltf_asset import Asset
 from ..formats.gltf.gltf_writer import Json
 from ..picture.png_files import SMALL, png_file
-from ..work.executors import Executor, Keep, executor_of
-from ..work.result_summary import Summary, duration
+from ..work.executors import Executor, Keep, executor_of, traced_share
+from ..work.result_summary import Summary, duration, speed_text
 from .bake_input import BakeScene, BakeSource, bake_source, exposure_of, meter_settings, open_source
 from .bake_options import BakeKeywords, BakeOptions
 from .baked_textures import (
@@ -51,7 +52,7 @@ from .gltf_primitives import (
 from .seams import seam_differences, seam_of, seam_words
 from .solids import Solids
 from .surface_meter import Measurement, Meter, curve_blocks
-from .texture_atlas import Sheet, Unwrapped, atlas, uv_set_sheets
+from .texture_atlas import AtlasSheet, Unwrapped, atlas, uv_set_sheets
 
 _P = ParamSpec("_P")
 
@@ -77,6 +78,7 @@ class Baked(NamedTuple):
     receivers: int  # vertices or texels measured
     hidden: int  # receivers inside solids
     rays: int  # shadow rays traced
+    traced: int  # those of them that are not of parts found finished, as in a merge
     mean: float  # mean of all measured values, without those of hidden texels
     exposure: float  # factor on light in colours and textures, which range from 0 to 1; not in custom attributes or EXR
     seam: float | None  # 99th percentile of the difference across seams, over the mean; None: no texture, or no seams
@@ -90,10 +92,10 @@ class Baked(NamedTuple):
         hidden = f", {self.hidden:,} inside solids" if self.hidden else ""
         mean, trace = f"{self.mean:.3f} on average{hidden}", max(self.seconds["trace"], 1e-9)
         lines = [("file", str(self.path)), *(("image", str(path)) for path in self.images)]
-        lines.append((self.what, f"{self.receivers:,} {where} in {self.parts:,} parts, {mean}"))
+        lines.append((self.what, f"{self.receivers:,} {where} in {counted(self.parts, 'part')}, {mean}"))
         lines += [("exposure", f"{self.exposure:.4g}")] if self.exposure != 1.0 else []
         lines += [] if self.seam is None else [("seams", seam_words(self.seam))]
-        lines.append(("rays", f"{self.rays:,}, {self.rays / trace / 1e6:.1f} million per second"))
+        lines.append(("rays", f"{self.rays:,}{speed_text(self.traced, trace)}"))
         lines.append(("time", ", ".join(f"{name} {duration(s)}" for name, s in self.seconds.items())))
         return Summary({name: each for name, each in self._asdict().items() if name != "vertices"}, lines)
 
@@ -156,7 +158,7 @@ def bake_textures(
         seams.append(seam_differences(sheet, image))
         exrs[image_path(output, i, len(sheets), ".exr")] = image
         texture_image = material_image(base, sheet, values * exposure, [originals[k] for k in sheet.members], options)
-        pixels = encode_pixels(texture_image, options.bits, options.unlit, dither=options.makes_lightmap)
+        pixels = encode_pixels(texture_image, options.bit_depth, options.unlit, dither=options.makes_lightmap)
         png = png_file(pixels, is_srgb=False, level=SMALL)  # glTF says which textures are sRGB
         pngs[image_path(output, i, len(sheets), ".png")] = png
         texture = asset.texture(png, "lightmap" if options.makes_lightmap else options.what)
@@ -187,6 +189,7 @@ def bake_textures(
         receivers=len(all_values),
         hidden=int(hidden.sum()),
         rays=meter.rays,
+        traced=round(traced_share(executor) * meter.rays),
         mean=float(seen.mean()),
         exposure=exposure,
         seam=seam_of(np.concatenate(seams), 1.0 if options.what == "bent-normal" else float(seen.mean())),
@@ -205,7 +208,7 @@ def _uv_set(one: Unwrapped, primitive: Json, remapper: Remapper, asset: Asset, u
     return number
 
 
-def _local_texels(sheet: Sheet, values: NDArray[np.float32]) -> NDArray[np.float32]:
+def _local_texels(sheet: AtlasSheet, values: NDArray[np.float32]) -> NDArray[np.float32]:
     """World directions of texels in the frames of their parts."""
     out, start = values.copy(), 0
     for one in sheet.unwrapped:
@@ -237,7 +240,7 @@ def bake_vertices(
     multiply, replaced = options.multiply or is_new, sum(name in part.json["attributes"] for part in parts)
     if replaced and not multiply:
         cure = "multiply keeps it" if name == "COLOR_0" else "choose another attribute to keep it"
-        notes = [*notes, f"{scene.name}: {name} of {replaced} parts is replaced; {cure}"]
+        notes = [*notes, f"{scene.name}: {name} of {counted(replaced, 'part')} is replaced; {cure}"]
     primitives = unshared_primitives(asset, parts)
     for part, primitive, part_values in zip(parts, primitives, _split(values, parts)):
         if options.what == "bent-normal":
@@ -263,6 +266,7 @@ def bake_vertices(
         receivers=len(values),
         hidden=hidden,
         rays=meter.rays,
+        traced=round(traced_share(executor) * meter.rays),
         mean=float(values.mean()),
         exposure=exposure,
         seam=None,

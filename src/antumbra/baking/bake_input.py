@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.files import temporary_folder
+from ..base.wording import counted
 from ..engine.measured_scenes import measured_scene
 from ..engine.scene import AnyScene, Scene
 from ..engine.scene_loading import SceneLike, load
@@ -23,7 +24,6 @@ from ..kernels.small_matrices import product
 from ..picture.image_files import automatic_exposure
 from ..scene.appearance import normals_from_frames
 from ..scene.camera import axes
-from ..scene.default_picture import sun
 from ..scene.light_lists import without_interleave
 from ..scene.lights import DirectionalLight, Light
 from ..scene.mesh import Piece
@@ -40,7 +40,7 @@ def default_bake_lights(scene: Scene, what: str, time: float) -> list[Light]:
     lights = [without_interleave(light) for light in scene.default_lights(time)]
     if what != "sun":
         return lights
-    return [next((light for light in lights if isinstance(light, DirectionalLight)), sun(scene.up))]
+    return [next((light for light in lights if isinstance(light, DirectionalLight)), scene.view.sun())]
 
 
 def meter_settings(options: BakeOptions, scene: Scene) -> MeterSettings:
@@ -135,7 +135,7 @@ def open_source(source: BakeSource, time: float, emits: bool) -> BakeScene:
     emission, notes = emitted_radiance(scene, asset, time) if emits else (None, list[str]())
     if _has_instancing(asset):
         _expand_instances(asset, file)
-        read = _scene_of_asset(asset, scene.name)
+        read = _scene_of_asset(asset, scene.name, getattr(scene.source, "animation", None))
     return BakeScene(scene, asset, read_primitives(read, asset, time), double_sided, emission, False, notes)
 
 
@@ -144,7 +144,10 @@ def _conversion_notes(scene: Scene) -> list[str]:
     n = 0 if scene.appearance is None else len(scene.appearance.textures)
     if not n:
         return []
-    return [f"{scene.name}: {n} textures become the mean colours of faces; to keep them, bake the path of a glTF file"]
+    return [
+        f"{scene.name}: {counted(n, 'texture', 'become')} the mean colours of faces; to keep textures, bake the "
+        "path of a glTF file"
+    ]
 
 
 def _double_sided_faces(scene: Scene, asset: Asset, time: float) -> NDArray[np.bool_]:
@@ -166,12 +169,12 @@ def _scale_to_metres(asset: Asset, metres: float) -> None:
         asset.add_root({"name": "metres", "scale": [metres] * 3, "children": roots})
 
 
-def _scene_of_asset(asset: Asset, name: str) -> Scene:
+def _scene_of_asset(asset: Asset, name: str, animation: str | None = None) -> Scene:
     """The scene of an asset, whose faces are those of its primitives."""
     with temporary_folder() as folder:
         path = folder / f"{name}.glb".replace("/", "-")
         path.write_bytes(asset.glb())
-        return cast(Scene, load(path, up="y", instances=False))  # a glTF file is not a store
+        return cast(Scene, load(path, up="y", instances=False, animation=animation))  # a glTF file is not a store
 
 
 def _in_scene_frame(part: NodePrimitive, frame: np.ndarray) -> NodePrimitive:

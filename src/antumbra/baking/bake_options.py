@@ -22,10 +22,10 @@ from ..base.option_fields import (
 from ..engine.plan import Plan
 from ..picture.image_files import openexr
 from ..picture.render_options import EngineOptions, RenderOptions
+from ..query.ray_passes import MAX_BOUNCES
 from ..scene.lights import MAX_SPP, AmbientOcclusion, DirectionalLight, Light, check_lights
 
 MAX_TEXTURE = 16384
-MAX_BOUNCES = 64
 _SKY = ("ao", "bent-normal")  # quantities that depend on the sky instead of lights
 
 QUANTITIES = {
@@ -90,7 +90,7 @@ class BakeKeywords:
         metavar="SET",
     )
     """UV set of the file for the texture. None: a new atlas (needs ``antumbra[bake]``)."""
-    bits: int = option(8, _bits, "Bits per texture channel: 8 or 16.")
+    bit_depth: int = option(8, _bits, "Bits per texture channel: 8 or 16.")
     """Bits per channel of the texture, 8 or 16."""
     png: bool = option(False, flag, "Also write the texture as .png next to FILE.")
     """Also write the texture as PNG beside `output`, as it is in the file."""
@@ -146,8 +146,8 @@ class BakeOptions(BakeKeywords, BakeQuantity):
                 import_extra("xatlas", "an atlas (--texture without --uv)", "bake")
             if self.exr:
                 openexr()
-        elif self.uv is not None or self.png or self.exr or self.unlit or self.denoise or self.bits != 8:
-            raise InputError("uv, bits, png, exr, unlit and denoise belong to a texture; give its size as texture")
+        elif self.uv is not None or self.png or self.exr or self.unlit or self.denoise or self.bit_depth != 8:
+            raise InputError("uv, bit_depth, png, exr, unlit and denoise belong to a texture; give its size as texture")
         if self.unlit and not self.is_light:
             raise InputError(f"unlit is for shadow, sun and light, not for {self.what}; leave it out")
         if self.bounces and self.what != "light":

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.wording import some_of
 from ..formats.gltf.gltf_asset import LIGHTMAP, Asset
 from ..formats.gltf.gltf_writer import Json
 from ..picture.image_files import write_exr
@@ -18,7 +19,7 @@ from ..scene.materials import linear_to_srgb
 from .bake_options import BakeOptions
 from .baked_values import image_of
 from .base_colours import BaseColours
-from .texture_atlas import Sheet
+from .texture_atlas import AtlasSheet
 
 # --- Pixels and image files -------------------------------------------------------------------------------------------
 
@@ -63,7 +64,7 @@ def image_path(output: Path, number: int, of: int, suffix: str) -> Path:
 
 
 def material_image(
-    base: BaseColours, sheet: Sheet, values: NDArray[np.floating], originals: Sequence[Json], options: BakeOptions
+    base: BaseColours, sheet: AtlasSheet, values: NDArray[np.floating], originals: Sequence[Json], options: BakeOptions
 ) -> NDArray[np.float32]:
     """(size, size, c) float32 in [0, 1]: the image of a material, from the values of a sheet's texels.
 
@@ -103,4 +104,6 @@ def clipping_note(values: NDArray[np.floating], exposure: float) -> list[str]:
     clipped = int((values * exposure > 1.0 + 1e-6).any(-1).sum())
     if not clipped:
         return []
-    return [f"{clipped:,} of {len(values):,} texels are brighter than the image holds; lower exposure, or add exr"]
+    return [
+        f"{some_of(clipped, len(values), 'texel', 'are')} brighter than the image holds; lower exposure, or add exr"
+    ]

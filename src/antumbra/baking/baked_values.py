@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.progress import report_progress
+from ..base.wording import counted
 from ..picture.discontinuity_filter import filter_fractions
 from ..query.receivers import NOTHING
 from ..query.surface_links import PictureSurfaces
@@ -19,7 +20,7 @@ from .gltf_primitives import NodePrimitive
 from .smooth_normals import face_vectors
 from .solids import Solids
 from .surface_meter import SIDE, Measurement, Meter, ReceiverPoints, curve_order
-from .texture_atlas import OVERLAP, Cover, Sheet, Unwrapped, chart_of_faces, closest_weights, corners_of
+from .texture_atlas import OVERLAP, AtlasSheet, Cover, Unwrapped, chart_of_faces, closest_weights, corners_of
 
 # --- Vertices ---------------------------------------------------------------------------------------------------------
 
@@ -127,7 +128,7 @@ class SheetSurface(NamedTuple):
     uv: np.ndarray  # (f, 3, 2) float64, corners in texels
 
 
-def surface_of(sheet: Sheet) -> SheetSurface:
+def surface_of(sheet: AtlasSheet) -> SheetSurface:
     """The faces of a sheet; faces of parts without NORMAL are flat, as viewers shade them."""
     positions = corners_of(sheet.unwrapped, [one.part.positions for one in sheet.unwrapped])
     normals = np.concatenate([_corner_normals(one) for one in sheet.unwrapped])
@@ -166,7 +167,7 @@ class Texels:
     folder : stores the parts; None: in memory
     """
 
-    def __init__(self, sheet: Sheet, meter: Meter, denoise: bool, folder: Path | None = None):
+    def __init__(self, sheet: AtlasSheet, meter: Meter, denoise: bool, folder: Path | None = None):
         self._sheet, self._meter, self._denoise = sheet, meter, denoise
         self._surface = surface_of(sheet)
         receivers = texel_receivers(self._surface, sheet.cover.face, sheet.cover.weights)
@@ -276,7 +277,7 @@ def _push_out(
         chosen = chosen[~visible]
 
 
-def _fill_hidden(values: np.ndarray, hidden: np.ndarray, sheet: Sheet) -> None:
+def _fill_hidden(values: np.ndarray, hidden: np.ndarray, sheet: AtlasSheet) -> None:
     """Give hidden texels the value of the nearest visible texel of their chart, if it has one."""
     from scipy.spatial import cKDTree
 
@@ -298,7 +299,7 @@ def _beside(cover: Cover, which: np.ndarray) -> np.ndarray:
 
 
 def _smoothed(
-    sheet: Sheet, surface: SheetSurface, receivers: ReceiverPoints, counts: np.ndarray, meter: Meter
+    sheet: AtlasSheet, surface: SheetSurface, receivers: ReceiverPoints, counts: np.ndarray, meter: Meter
 ) -> np.ndarray:
     """(n,) float32: the visible share of a light, by the discontinuity filter over texels of one chart."""
     cover, spp = sheet.cover, meter.settings.spp
@@ -346,7 +347,7 @@ def _smoothed_light(surface: SheetSurface, cover: Cover, receivers: ReceiverPoin
     return out
 
 
-def sheet_notes(sheets: Sequence[Sheet], uv_set: int | None) -> list[str]:
+def sheet_notes(sheets: Sequence[AtlasSheet], uv_set: int | None) -> list[str]:
     """Notes on texels that belong to several faces or charts.
 
     uv_set : the UV set of the file; None: an atlas
@@ -359,13 +360,16 @@ def sheet_notes(sheets: Sequence[Sheet], uv_set: int | None) -> list[str]:
     shared = sum(round(overlap * count) for overlap, count in overlaps)
     close = 0 if uv_set is None else sum(int(_beside_others(sheet, 1).sum()) for sheet in sheets)
     notes = [
-        (shared, f"faces overlap in {shared} texels of {name}, which have the light of one of them; {cure}"),
-        (close, f"charts of {name} touch at {close} texels, where light bleeds from one to another; raise texture"),
+        (shared, f"faces overlap in {counted(shared, 'texel')} of {name}, which have the light of one of them; {cure}"),
+        (
+            close,
+            f"charts of {name} touch at {counted(close, 'texel')}, where light bleeds across; raise texture",
+        ),
     ]
     return [note for count, note in notes if count]
 
 
-def _beside_others(sheet: Sheet, reach: int) -> np.ndarray:
+def _beside_others(sheet: AtlasSheet, reach: int) -> np.ndarray:
     """(n,) bool: texels with another chart within `reach` texels."""
     from scipy.ndimage import maximum_filter, minimum_filter
 

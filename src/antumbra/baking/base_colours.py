@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.wording import counted
 from ..formats.gltf.accessors import Accessors
 from ..formats.gltf.gltf_asset import Asset, image_of_texture
 from ..formats.gltf.gltf_writer import Json
@@ -16,7 +17,7 @@ from ..kernels.elementary import cos, sin
 from ..scene.materials import decode_image, linear_of
 from .bake_options import MAX_TEXTURE
 from .baked_values import sample_bilinear
-from .texture_atlas import Sheet, Unwrapped, corners_of
+from .texture_atlas import AtlasSheet, Unwrapped, corners_of
 
 _TRANSFORM = "KHR_texture_transform"
 _CLAMP, _MIRROR = 33071, 33648  # wrap modes of samplers; others repeat
@@ -39,7 +40,7 @@ class BaseColours:
         self._details: list[_Detail] = []
         self._unreadable = 0  # parts
 
-    def texels(self, sheet: Sheet, primitives: Sequence[Json]) -> NDArray[np.float32]:
+    def texels(self, sheet: AtlasSheet, primitives: Sequence[Json]) -> NDArray[np.float32]:
         """(n, 4) float32: linear base colour and alpha of the covered texels, without the materials' factors.
 
         primitives : original JSON of each member of the sheet
@@ -76,11 +77,13 @@ class BaseColours:
             enough = int(np.ceil(size * finer / 64.0)) * 64
             raised = f", or raise texture to {enough}" if enough <= MAX_TEXTURE else ""
             notes.append(
-                f"{len(lost)} parts have textures that are up to {finer:.1f} times finer than the baked one{repeated}, "
-                f"which replaces them; to keep their detail, leave unlit out{raised}"
+                f"{counted(len(lost), 'part', 'have')} textures that are up to {finer:.1f} times finer than the "
+                f"baked one{repeated}, which replaces them; to keep their detail, leave unlit out{raised}"
             )
         if self._unreadable:
-            notes.append(f"{self._unreadable} parts have textures that cannot be read; they are baked as white")
+            notes.append(
+                f"{counted(self._unreadable, 'part', 'have')} textures that cannot be read; they are baked as white"
+            )
         return notes
 
     def _texture(self, primitive: Json) -> Json | None:

@@ -8,14 +8,12 @@ from numpy.typing import NDArray
 from ..engine.scene import Scene
 from ..formats.gltf.accessors import Accessors
 from ..formats.gltf.gltf_asset import Asset, image_of_texture
-from ..formats.gltf.gltf_materials import WRAPS
+from ..formats.gltf.gltf_materials import EMISSIVE_STRENGTH, WRAPS
 from ..formats.gltf.gltf_source import PlacedPrimitive
 from ..formats.gltf.gltf_writer import Json
 from ..scene.materials import REPEAT, Texture, texture_means
 from .base_colours import transformed_coordinates, uv_set_of
 from .gltf_primitives import accessors_of, primitive_json
-
-_STRENGTH = "KHR_materials_emissive_strength"
 
 
 def emitted_radiance(scene: Scene, asset: Asset, time: float) -> tuple[NDArray[np.float32] | None, list[str]]:
@@ -35,7 +33,7 @@ def emitted_radiance(scene: Scene, asset: Asset, time: float) -> tuple[NDArray[n
         count = placed.primitive.triangles * len(placed.vertices)
         json = primitive_json(asset, placed)
         material = {} if "material" not in json else asset.json["materials"][json["material"]]
-        strength = material.get("extensions", {}).get(_STRENGTH, {}).get("emissiveStrength", 1.0)
+        strength = material.get("extensions", {}).get(EMISSIVE_STRENGTH, {}).get("emissiveStrength", 1.0)
         factor = strength * np.array(material.get("emissiveFactor", (0, 0, 0)), np.float64)
         radiance = np.broadcast_to(factor, (count, 3))
         if "emissiveTexture" in material and factor.any():

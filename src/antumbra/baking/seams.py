@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .baked_values import sample_bilinear, surface_of
-from .texture_atlas import Sheet
+from .texture_atlas import AtlasSheet
 
 _VISIBLE = ((0.02, "invisible"), (0.05, "hardly visible"), (0.15, "visible up close"), (np.inf, "clearly visible"))
 """Upper ends of differences, relative to the mean, and what a person sees. Edges show from 1 to 2 % on."""
@@ -22,7 +22,7 @@ def seam_words(seam: float) -> str:
     return f"{seen}: 99 % differ by less than {100.0 * seam:.2g} % of the mean{cure}"
 
 
-def seam_differences(sheet: Sheet, image: NDArray[np.float32]) -> NDArray[np.float64]:
+def seam_differences(sheet: AtlasSheet, image: NDArray[np.float32]) -> NDArray[np.float64]:
     """(n,) float64: the difference of the image between the two sides of a seam, at points along all seams.
 
     A seam is an edge where two charts meet on a smooth surface. Hard edges, whose sides differ in normal, do not count.

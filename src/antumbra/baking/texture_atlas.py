@@ -184,7 +184,7 @@ class Unwrapped(NamedTuple):
     source: np.ndarray  # (v,) the part's vertex of each row of `uv`
 
 
-class Sheet(NamedTuple):
+class AtlasSheet(NamedTuple):
     """Parts that share an image."""
 
     members: list[int]  # indices of parts
@@ -192,7 +192,7 @@ class Sheet(NamedTuple):
     cover: Cover
 
 
-def atlas(parts: Sequence[NodePrimitive], size: int) -> list[Sheet]:
+def atlas(parts: Sequence[NodePrimitive], size: int) -> list[AtlasSheet]:
     """One sheet with all parts, which xatlas divides into charts. Texels have about the same size everywhere.
 
     Raises InputError if xatlas cannot divide them.
@@ -202,7 +202,7 @@ def atlas(parts: Sequence[NodePrimitive], size: int) -> list[Sheet]:
         pieces = [_pieces(part, middle) for part in parts]
         charts = iter(charts_of([piece.mesh for each in pieces for piece in each], size, PADDING))
         unwrapped = [_joined(part, each, [next(charts) for _ in each]) for part, each in zip(parts, pieces)]
-    return [Sheet(list(range(len(parts))), unwrapped, _cover_sheet(unwrapped, size))]
+    return [AtlasSheet(list(range(len(parts))), unwrapped, _cover_sheet(unwrapped, size))]
 
 
 class _Piece(NamedTuple):
@@ -232,7 +232,7 @@ def _joined(part: NodePrimitive, pieces: Sequence[_Piece], charts: Sequence[Char
     return Unwrapped(part, np.concatenate([chart.uv for chart in charts]), faces, source)
 
 
-def uv_set_sheets(parts: Sequence[NodePrimitive], accessors: Accessors, uv_set: int, size: int) -> list[Sheet]:
+def uv_set_sheets(parts: Sequence[NodePrimitive], accessors: Accessors, uv_set: int, size: int) -> list[AtlasSheet]:
     """Sheets for a UV set of the file: one for all parts if they do not overlap, else one per part.
 
     Raises
@@ -243,7 +243,7 @@ def uv_set_sheets(parts: Sequence[NodePrimitive], accessors: Accessors, uv_set: 
     unwrapped = [_set_of(part, accessors, uv_set) for part in parts]
     together = _cover_sheet(unwrapped, size)
     if together.overlap <= OVERLAP:
-        return [Sheet(list(range(len(parts))), unwrapped, together)]
+        return [AtlasSheet(list(range(len(parts))), unwrapped, together)]
     sheets = []
     for i, one in enumerate(unwrapped):
         alone = _cover_sheet([one], size)
@@ -252,7 +252,7 @@ def uv_set_sheets(parts: Sequence[NodePrimitive], accessors: Accessors, uv_set: 
                 f"{one.part.where}: TEXCOORD_{uv_set} overlaps itself in {100 * alone.overlap:.1f} % of its texels; "
                 "choose another --uv, or leave it out for an atlas"
             )
-        sheets.append(Sheet([i], [one], alone))
+        sheets.append(AtlasSheet([i], [one], alone))
     return sheets
 
 

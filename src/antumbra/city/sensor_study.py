@@ -1,18 +1,28 @@
 """The base of commands of studies with one row per sensor: checks of sensors and outputs, and the writing of tables."""
 
+import warnings
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from ..base.errors import InputError
+from ..base.progress import ignore_progress, progress_listener
+from ..base.wording import counted
 from ..cli import console
 from ..cli.options import outputs_of
 from ..cli.study_run import Scenes, StudyCommand, Writers
+from ..work.executors import UnitCollector
 
 if TYPE_CHECKING:
+    from ..work.executors import Executor
+    from .sensors.sensors import Sensors
     from .tables.result_table import Table
 
 _MANY = 4_000_000  # sensors whose needs are said
+_SAMPLE = 4096  # of these, by which they are judged
 
 _Options = TypeVar("_Options")
 _Result = TypeVar("_Result")
@@ -49,6 +59,13 @@ class SensorStudy(StudyCommand[_Options, _Result]):
         given: str | None = getattr(self, "sensors", None)
         return given or ("raster" if self.spec.on_raster else "face")
 
+    @property
+    def partitioned(self) -> bool:
+        """Whether an output is a folder of partitions, which are written by whoever computes a block."""
+        from .tables.parquet_files import PARTITIONED
+
+        return any(path.suffix.lower() == PARTITIONED for path in self.paths("output"))
+
     def check(self) -> None:
         from .sensors.sensor_files import check_sensors
 
@@ -63,25 +80,42 @@ class SensorStudy(StudyCommand[_Options, _Result]):
     def close(self, result: _Result) -> None:
         self.table_of(result).close()
 
-    def check_room(self, sensors: Any) -> Any:
-        """Say what many described sensors need, and return them. InputError, before the work, if it cannot fit."""
+    def check_room(self, sensors: Any, study: "Callable[[Sensors], Table]", executor: "Executor | None") -> Any:
+        """Say what many described sensors need, and return them. InputError, before the work, if it cannot fit.
+
+        study : the table of some sensors, which is the sample that output files are judged by
+        """
+        from ..base.files import check_disk_space
         from ..base.memory import check_reading, readable_size
         from .sensors.sensor_blocks import DescribedSensors
-        from .tables.table_blocks import ROW_BYTES, WRITTEN_BY_BLOCK
+        from .tables.table_blocks import ROW_BYTES, WRITTEN_BY_BLOCK, file_bytes
 
-        if not isinstance(sensors, DescribedSensors) or len(sensors) < _MANY:
+        is_node = isinstance(executor, UnitCollector)  # which writes no outputs
+        if is_node or not isinstance(sensors, DescribedSensors) or len(sensors) < _MANY:
             return sensors
         names = [name for name in outputs_of(type(self)) if name != "matrix"]  # whose rows are written one by one
         files = [path for name in names for path in self.paths(name)]
         whole = [path.name for path in files if path.suffix.lower() not in WRITTEN_BY_BLOCK]
-        size, n = ROW_BYTES * len(sensors), len(sensors)
+        n = len(sensors)
         if whole:
             by_block = ", ".join(WRITTEN_BY_BLOCK)
-            check_reading(size, f"{whole[0]}: a table of {n:,} sensors in memory, unlike {by_block} files,")
-        elif not self.quiet:
-            console.say(
-                f"note: {n:,} sensors by block; finished parts take about {readable_size(size / 3)} of disk space"
+            check_reading(
+                ROW_BYTES * n, f"{whole[0]}: a table of {counted(n, 'sensor')} in memory, unlike {by_block} files,"
             )
+            return sensors
+        needs, sizes, total = list[str](), list[float](), 0.0  # executors judge finished parts
+        with (
+            warnings.catch_warnings(action="ignore", category=UserWarning),  # the study issues them, too
+            suppress(InputError),
+            progress_listener(ignore_progress),
+        ):
+            table = study(sensors.block(n // 2, n // 2 + _SAMPLE))
+            sizes = [file_bytes(table, n, path) for path in files if len(table)]
+        for path, taken in zip(files, sizes):
+            needs.append(f"{path.name} up to about {readable_size(taken)}")
+            check_disk_space(path, int(total := total + taken))
+        if not self.quiet and needs:
+            console.say(f"note: {n:,} sensors by block; of disk space, {', '.join(needs)} (judged by {_SAMPLE:,})")
         return sensors
 
     def check_sheet(self, sheet: Any, scenes: Scenes) -> None:

@@ -11,11 +11,12 @@ from ..base.errors import InputError
 from ..base.files import checked_folder
 from ..base.option_fields import Given, deciding_fields, with_keywords
 from ..base.progress import Progress, with_progress
+from ..base.wording import counted
 from ..engine.scene import AnyScene
 from ..engine.scene_loading import SceneLike, scene_of
 from ..kernels.parallel import thread_count
 from ..picture.image_files import openexr
-from ..picture.render_options import RenderOptions
+from ..picture.render_options import DIFFUSE, RenderOptions
 from ..picture.renderer import Renderer
 from ..scene.camera import Camera
 from ..scene.lights import Light, check_lights
@@ -33,7 +34,7 @@ from ..work.scene_records import (
     scene_record,
 )
 from .dataset_files import MANIFEST, DatasetFolder, read_json, write_json
-from .dataset_layers import Objects, channels, light_blockers, light_layer, masks, objects_of
+from .dataset_layers import Objects, channels, check_faces, light_blockers, light_layer, masks, objects_of
 from .dataset_options import PER_FRAME, DatasetOptions
 from .frame_lights import MIN_LIT, RULE, TRIES, frame_light, seen_surfaces
 from .random_views import CameraSet, LightSet, SamplingRegion, camera_set, light_set, sampling_region
@@ -59,7 +60,10 @@ class Dataset(NamedTuple):
         part = "" if shard is None else f" (shard {shard})"
         lines = [
             ("data set", str(self.folder / "manifest.json")),
-            ("scene", f"{scene.name}, {scene.n_triangles:,} triangles, {len(scene.objects):,} objects"),
+            (
+                "scene",
+                f"{scene.name}, {counted(scene.n_triangles, 'triangle')}, {counted(len(scene.objects), 'object')}",
+            ),
             ("frames", f"{self.frames:,}, each with {self.lights} light{'s' * (self.lights != 1)}"),
             ("rendered", f"{self.rendered:,}{finished}{part}"),
         ]
@@ -114,14 +118,17 @@ def dataset(
     if keep is not None:
         keep = executor_of(keep)
     scene = scene_of(scene)
-    picture = RenderOptions(spp=options.spp, sampler=options.sampler, time=scene.clamped(options.time))
+    picture = RenderOptions(
+        spp=options.spp, sampler=options.sampler, time=scene.clamped(options.time), materials=DIFFUSE
+    )
+    check_faces(scene)
     region = sampling_region(scene, picture.time, thread_count(options.threads))
     views = camera_set(scene, cameras, options, region.time)
     renderer = Renderer(scene, options.plan, region.threads, max_memory=options.max_memory)
     work = _FrameUnits(region, views, light_set(region, lights, options), picture, renderer)
     work.open(path, options.overwrite)
     if keep is None:
-        do_missing(work, range(share.number, len(work), share.of))
+        do_missing([(work, range(share.number, len(work), share.of))])
     elif keep.finish([work]):
         keep.end([work])
     complete, seconds = work.close(), perf_counter() - start
@@ -175,6 +182,9 @@ class _FrameUnits:
     def found(self, k: int) -> None:
         self.finished += 1
 
+    def estimate(self, left: int) -> None:
+        """None: a frame must be done first."""
+
     def do(self, k: int) -> None:
         self._render(k)
         self._again.discard(k)
@@ -214,6 +224,7 @@ class _FrameUnits:
         kind, camera = self.views.camera(self.region, k)
         drawn = self._drawn_lights(camera, k)
         lights = self.lights.fixed + drawn
+        self._renderer.expect(len(self) - k)
         frame = self._renderer.render(camera, lights, options=self.options)
         self._objects = self._objects or objects_of(scene)
         blocked = light_blockers(scene, frame, lights, time, threads)

@@ -9,6 +9,7 @@ from typing import NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.errors import InputError
 from ..engine.scene import AnyScene
 from ..picture.frame import Frame
 from ..picture.image_files import exr_values
@@ -41,7 +42,7 @@ def blockers(scene: AnyScene, gbuffer: GBuffer, light: Light, time: float, threa
     hit, by `Scene.closest_hit`, of a ray to the centre. The ray skips the pixel's own face and starts at the pixel's
     position, moved along the normal by 2^-21 of its largest coordinate; position and normal are those of the `GBuffer`.
     """
-    out = np.full(gbuffer.face.shape, -1, np.int32)
+    out = np.full(gbuffer.face.shape, -1, gbuffer.face.dtype)
     covered = gbuffer.face >= 0
     if not covered.any():
         return out
@@ -66,6 +67,12 @@ class Objects(NamedTuple):
 
     of_face: np.ndarray  # (n,) int32
     instance: np.ndarray  # (k,) int32
+
+
+def check_faces(scene: AnyScene) -> None:
+    """Raise an InputError if the ids of a scene's faces do not fit into the layers."""
+    if scene.n_triangles > np.iinfo(np.int32).max:
+        raise InputError(f"{scene.name}: the layers of data sets number at most 2^31 - 1 faces; use one of its tiles")
 
 
 def objects_of(scene: AnyScene) -> Objects:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..base.checks import items
 from ..base.errors import InputError
+from ..base.wording import counted
 from ..engine.measured_scenes import check_degrees
 from ..engine.scene import AnyScene
 from ..kernels.elementary import asin, atan, cos, sin, tan
@@ -79,10 +80,10 @@ class SamplingRegion(NamedTuple):
 def sampling_region(scene: AnyScene, time: float, threads: int | None) -> SamplingRegion:
     """The `SamplingRegion` of a scene. Its bounds leave out large surroundings of few faces, such as a plain.
 
-    They contain all face centres but 2 % on each side, enlarged by a tenth. For scenes of few faces, and for stores,
-    they are the scene's bounds.
+    They contain all face centres but 2 % on each side, enlarged by a tenth. For scenes of few faces, they are the
+    scene's bounds.
     """
-    if scene.n_triangles < _MANY or not scene.data.resident:
+    if scene.n_triangles < _MANY:
         return SamplingRegion(scene, time, threads, scene.bounds)
     sample = scene.data.every(-(-scene.n_triangles // _ENOUGH), time, threads)
     centres = sample.mean(axis=1, dtype=np.float64) + scene.origin
@@ -250,7 +251,9 @@ def camera_set(scene: AnyScene, cameras: Sequence[Camera] | None, options: Datas
     check_degrees(scene, np.array([camera.position for camera in given]).reshape(-1, 3), "cameras")
     views = CameraSet(given, orbit, random, options.seed, size)
     if not 1 <= views.total <= MOST_FRAMES:
-        raise InputError(f"{views.total} cameras; a data set has 1 to {MOST_FRAMES:,}, give cameras, orbit or random")
+        raise InputError(
+            f"{counted(views.total, 'camera')}; a data set has 1 to {MOST_FRAMES:,}, give cameras, orbit or random"
+        )
     return views
 
 
@@ -275,5 +278,5 @@ def light_set(region: SamplingRegion, lights: Sequence[Light] | Light | None, op
     fixed = check_lights(explicit_lights + shared, scene.up) if explicit_lights or shared or not random else []
     found = LightSet(fixed, random if per_frame else 0)
     if found.total > MOST_LIGHTS:
-        raise InputError(f"{found.total} lights; a data set has at most {MOST_LIGHTS}, each is a layer")
+        raise InputError(f"{counted(found.total, 'light')}; a data set has at most {MOST_LIGHTS}, each is a layer")
     return found

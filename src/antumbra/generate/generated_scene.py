@@ -1,6 +1,9 @@
 """Procedural scenes as scene data, with a camera and a light. The generators are imported on first use."""
 
 from collections.abc import Generator
+from contextlib import closing
+from itertools import islice
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -8,6 +11,9 @@ from ..scene.camera import Camera
 from ..scene.lights import Light, QuadLight
 from ..scene.mesh import Mesh, MeshInfo, ObjectInfo, Piece, StaticMeshes, make_mesh
 from ..scene.scene_data import MemoryData
+
+if TYPE_CHECKING:
+    from .shapes import PaletteMesh
 
 
 class _ProceduralMeshes(StaticMeshes):
@@ -53,9 +59,8 @@ class StreamedCity:
     up = "y"
     file = "procedural city"
     duration = 0.0
-    animated = False
-    appearance = None
-    notes = ()
+    animated = has_looks = False
+    notes, terrain = (), None
 
     def __init__(self, triangles: int | None = None, seed: int = 0, processes: int = 1) -> None:
         from .palette import check_request
@@ -63,8 +68,13 @@ class StreamedCity:
 
         triangles = PROCEDURAL["city"].default_triangles if triangles is None else triangles
         self._arguments, self._processes = check_request("city", triangles, seed), processes
+        self._blocks: Generator[PaletteMesh, None, None] | None = None  # of the next spans, made by other processes
+        self._next = 0  # the span after the last one that was read
         self.meshes: list[MeshInfo] = []
         self.objects = [ObjectInfo(self.name, -1, 0)]
+
+    def open_faces(self) -> None:
+        """None: all faces are solid."""
 
     @property
     def n_triangles(self) -> int:
@@ -78,11 +88,38 @@ class StreamedCity:
     def pieces(self, time: float) -> Generator[Piece, None, None]:
         """The blocks of the city, one at a time."""
         from .city import stream_blocks
+
+        with closing(stream_blocks(*self._arguments, self._processes)) as blocks:
+            yield from map(self._piece, blocks)
+
+    @property
+    def n_spans(self) -> int:
+        from .city import n_groups
+
+        return n_groups(self._arguments[0])
+
+    def span(self, k: int) -> Generator[Piece, None, None]:
+        """The blocks of a group. While spans are read in order, other processes generate the next ones."""
+        from .city import GROUP, city_groups, stream_blocks
+
+        if k != self._next:
+            self.close()
+        elif self._blocks is None:
+            self._blocks = stream_blocks(*self._arguments, self._processes, k)
+        self._next = k + 1
+        blocks = islice(self._blocks, GROUP) if self._blocks else next(city_groups(*self._arguments, k))
+        yield from map(self._piece, blocks)
+
+    def close(self) -> None:
+        """End the processes that generate the next spans."""
+        if self._blocks is not None:
+            self._blocks.close()
+        self._blocks = None
+
+    def _piece(self, block: "PaletteMesh") -> Piece:
         from .procedural_scenes import PALETTE
 
-        palette = np.asarray(PALETTE, np.float32)
-        for vertices, faces, colour in stream_blocks(*self._arguments, self._processes):
-            yield Piece(vertices[None], faces, palette[colour], self.file)
+        return Piece(block.vertices[None], block.faces, np.asarray(PALETTE, np.float32)[block.colour], self.file)
 
     def cameras(self, time: float) -> list[Camera]:
         from .procedural_scenes import city_view

@@ -89,7 +89,7 @@ def test_both_states_are_those_of_two_scenes_with_the_same_points(tmp_path):
     points = np.c_[rng.uniform(-60.0, 60.0, (300, 2)), np.zeros(300)]
     normals = np.tile([0.0, 0.0, 1.0], (300, 1))
     sensors = at.point_sensors(points, normals)
-    options = {**HOURS, "energy": True, "sky": 64, "by": ["hour"]}
+    options = {**HOURS, "energy": True, "sky_view": 64, "by": ["hour"]}
     table = at.scene_change(plain(), box()).compare(at.sun_hours, sensors, **options)
     alone = at.sun_hours(plain(), sensors, **options)
     both = at.sun_hours(at.changed_scene(plain(), box()), sensors, **options)
@@ -137,11 +137,11 @@ def test_other_studies_of_sensors_have_both_states(study, column):
 
 def test_sensors_inside_a_new_building_are_left_out_and_points_stay():
     change = at.scene_change(plain(), box())
-    with pytest.warns(UserWarning, match="4 of 3,600 sensors lie inside what is added or removed, and are left out"):
+    with pytest.warns(UserWarning, match="4 of 3,600 sensors lie inside what is added or removed, so left out"):
         sensors = change.sensors("raster:4")
     inside = ((sensors.points > LOW - (0, 0, 1)) & (sensors.points < LOW + SIZE)).all(1)
     assert len(sensors) == 3596 and not inside.any()
-    with pytest.warns(UserWarning, match="1 of 2 sensors lie inside what is added .* there; the first is 16,-16,2"):
+    with pytest.warns(UserWarning, match="1 of 2 sensors lies inside what is added .* there; the first is 16,-16,2"):
         assert len(change.sensors(np.array([[16.0, -16.0, 2.0], [0.0, 0.0, 0.0]]))) == 2
     before_its_wall = at.point_sensors([[LOW[0] - 0.02, -16.0, 2.0]], [[-1.0, 0.0, 0.0]])
     with warnings.catch_warnings(action="error"):

@@ -118,7 +118,7 @@ def test_faces_know_objects_and_surfaces(tmp_path):
 def test_colours():
     kinds, owners = ["RoofSurface", None, None, None, "+New"], ["Building", "BuildingPart", "Building", "+X", "+X"]
     colours = colours_of(kinds, owners)
-    assert colours.dtype == np.float32 and colours.shape == (5, 3) and (colours > 0.1).all() and (colours < 1).all()
+    assert colours.dtype == np.float32 and colours.shape == (5, 3) and (colours > 0.05).all() and (colours < 1).all()
     assert (colours[1] == colours[2]).all() and (colours[3] == colours[4]).all() and (colours[0] != colours[1]).any()
 
 

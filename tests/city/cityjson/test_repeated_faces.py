@@ -54,4 +54,5 @@ def test_nodes_with_the_same_mesh_at_the_same_place_are_noted(tmp_path, places, 
         made.node(mesh=mesh, translation=[float(x), 0.0, 0.0])
     path = made.write(tmp_path)
     notes = [note for note in at.load(path, up="y").notes if "repeat" in note]
-    assert [f"{count} nodes repeat another" in note for note in notes] == [True] * bool(count)
+    repeating = "1 node repeats another" if count == 1 else f"{count} nodes repeat another"
+    assert [repeating in note for note in notes] == [True] * bool(count)

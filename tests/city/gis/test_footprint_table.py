@@ -175,7 +175,7 @@ def test_footprints_off_the_terrain_are_named_or_left_out():
     table.loc[1, "geometry"] = shapely.box(200000, 449990, 200005, 449995)
     with pytest.raises(InputError, match="footprint 'b' lies off the heights of terrain"):
         at.from_footprints(table, terrain=dem)
-    with pytest.warns(UserWarning, match="1 footprints off the heights of the terrain are left out"):
+    with pytest.warns(UserWarning, match="left out 1 footprint off the heights of the terrain"):
         scene = at.from_footprints(table, terrain=dem, invalid="skip")
     assert [each.name for each in scene.objects] == ["a", "c", "terrain"]
     assert [row.get("use") for row in scene.city.attributes] == ["home", "shed", None]
@@ -257,7 +257,7 @@ def test_faulty_footprints_are_named_or_left_out_and_counted(table, words):
     with pytest.raises(InputError, match=f"footprint {words}; repair it, or leave such footprints out") as caught:
         at.from_footprints(table)
     assert "\n" not in str(caught.value)
-    with pytest.warns(UserWarning, match="1 footprints are left out; the first one, " + words.replace("'b' ", "'b', ")):
+    with pytest.warns(UserWarning, match="left out 1 footprint; the first, " + words.replace("'b' ", "'b', ")):
         scene = at.from_footprints(table, invalid="skip")
     assert [each.name for each in scene.objects] == ["a", "c"]
     check_closed(scene)

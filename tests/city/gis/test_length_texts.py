@@ -62,13 +62,13 @@ def test_texts_that_are_no_lengths_are_counted(tmp_path):
         at.InputError, match=r"footprint 'a' has the height '12,5', which is no length; write 12.5.*and 1 more"
     ):
         at.from_footprints(table)
-    with pytest.warns(UserWarning, match="2 footprints are left out; the first one, 'a', has the height '12,5'"):
+    with pytest.warns(UserWarning, match="left out 2 footprints; the first, 'a', has the height '12,5'"):
         assert len(at.from_footprints(table, invalid="skip").objects) == 1
     with pytest.raises(at.InputError, match="footprint 'a' has no height"):
         at.from_footprints(buildings(height=[None, "3", "4"]))
     (tmp_path / "t.csv").write_text('x,y,height,radius\n1,2,tall,3\n1,2,"12,5",3\n1,2,3,3\n')
     with pytest.raises(
-        at.InputError, match="2 of 3 rows of the column 'height' for height are no numbers, such as 'tall'"
+        at.InputError, match="2 of 3 rows of the column 'height' for height lack a number, such as 'tall'"
     ):
         at.from_trees(tmp_path / "t.csv", base=0.0)
 

@@ -106,7 +106,7 @@ def test_many_modules_have_what_each_has_alone():
 def test_modules_without_a_string_are_noted():
     modules = rows(3, 4.0, 90.0, 25.0, 180.0)
     modules["row 0"] = modules["row 0"]._replace(string="a")
-    with pytest.warns(UserWarning, match="2 of 3 modules have no string, and are left out"):
+    with pytest.warns(UserWarning, match="2 of 3 modules have no string: left out"):
         assert at.module_shading(FAR, modules, DAY[:2], place=HERE, samples=1, per="string").names == ["a"]
 
 

@@ -84,7 +84,7 @@ def test_trackers_and_strings_from_a_table(cli, hall):
         ("id,x,y,z\na,0,0,8\n", ("--per", "string"), "no module has a string"),
         ("id,x,y,z,tilt\na,0,0,8,steep\n", (), "column 'tilt' must hold numbers"),
         ("id,x,y\na,0,0\n", (), "column 'z' is missing"),
-        ("id,x,y\na,900,0\n", ("--on-surface",), "modules are to be placed on a surface"),
+        ("id,x,y\na,900,0\n", ("--on-surface",), "where no surface is to place points on"),
     ],
 )
 def test_errors_leave_no_file(cli, hall, text, words, told):

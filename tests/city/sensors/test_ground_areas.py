@@ -88,7 +88,7 @@ def test_areas_in_other_systems():
         (collection(), "areas are empty"),
         ({"type": "FeatureCollection", "features": 3}, "features are not a list"),
         (placed([(0, 10), (0.1, 10), (0, 10.1)]), "area 1: contains no centre of a cell of 0.5"),
-        (placed([(20, 20), (40, 20), (40, 25)]), "cells have no surface below them; give the height of the ground"),
+        (placed([(20, 20), (40, 20), (40, 25)]), "cells have no surface below; give the height of the ground"),
     ],
 )
 def test_bad_areas(tmp_path, areas, words):
@@ -207,7 +207,7 @@ def test_files_have_the_judged_cells_alone(cli, tmp_path):
     assert hours.shape == (16, 16) and np.isnan(hours[4:12, 4:12]).all() and np.isfinite(hours).sum() == 192
     assert area["share"] == np.nanmean(passes) and area["sun_hours"] == pytest.approx(np.nanmean(hours))
     shown = cli(*asked, "-o", "a.csv").out
-    assert "garden" in shown and f"{area['share']:.1%}" in shown and "inside buildings" in shown
+    assert "garden" in shown and f"{100 * area['share']:.1f} %" in shown and "inside buildings" in shown
 
 
 @pytest.mark.parametrize(

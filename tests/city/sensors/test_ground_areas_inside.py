@@ -92,5 +92,5 @@ def test_roofs_of_buildings_without_floor_and_ground(up):
 
 def test_stores_are_refused(tmp_path):
     at.build_store(scene_of(boxes([[0, 0, 0]], [[4, 4, 4]])), tmp_path / "a.antumbra")
-    with pytest.raises(at.InputError, match="use a scene in memory"):
+    with pytest.raises(at.InputError, match="use the file that it was built from"):
         inside_solids(at.load(tmp_path / "a.antumbra"), np.zeros((1, 3)))

@@ -9,7 +9,7 @@ import pytest
 
 import antumbra as at
 import city_files
-from antumbra.city.sensors.point_checks import NEAR, depths_below_ground
+from antumbra.city.sensors.point_checks import NEAR, depths_below_ground, tell
 from antumbra.scene.crs import reproject
 from study_cases import study_cases
 
@@ -54,7 +54,7 @@ JOBS = {
     "line_of_sight targets": lambda scene, points: at.line_of_sight(scene, GOOD[0], points),
     "pvlib_shading points": pvlib_shading,
     "sky_view sensors": lambda scene, points: at.sky_view(scene, points, directions=16),
-    "skyline points": lambda scene, points: at.skyline(scene, points, step=30.0, north=0.0),
+    "skyline points": lambda scene, points: at.skyline(scene, points, azimuth_step=30.0, north=0.0),
     "sun_calendar points": lambda scene, points: at.sun_calendar(scene, points, "2026-06-21", place=DELFT, step=60),
     "sun_hours sensors": lambda scene, points: at.sun_hours(scene, points, "2026-06-21", place=DELFT, step=240),
     "viewshed observers": lambda scene, points: at.viewshed(scene, GOOD, points),
@@ -112,9 +112,9 @@ def test_points_in_degrees_are_refused_over_a_map_with_their_place_on_it(job, ma
 @pytest.mark.parametrize(
     "points, words",
     [
-        (BELOW, "1 of 3 .* lie below the ground or inside a solid; the first is 84052.5,446947.5,3"),
-        (ON, "1 of 3 .* lie on a surface and have no normal, so the surface may hide them; give normals, or move"),
-        (BESIDE, "1 of 3 .* lie beside terrain; the first is 84052.5,447006.5,30"),
+        (BELOW, "1 of 3 .* lies below the ground or inside a solid; the first is 84052.5,446947.5,3"),
+        (ON, "1 of 3 .* lies on a surface without a normal, so it may block the view; give normals, or move"),
+        (BESIDE, "1 of 3 .* lies beside terrain; the first is 84052.5,447006.5,30"),
     ],
     ids=["below", "on", "beside"],
 )
@@ -138,6 +138,11 @@ def test_notes_are_metadata_of_tables():
         about = getattr(table, "table", table).about
         assert len(about["warnings"]) == 1 and "below the ground" in about["warnings"][0]
     assert "warnings" not in JOBS["sky_view sensors"](raster(), np.array(GOOD)).about
+
+
+def test_notes_reach_callers_whose_code_is_in_no_module():
+    with pytest.warns(UserWarning, match="a note"):
+        exec("told = tell(['a note'])", {"tell": tell})
 
 
 def test_cameras_in_degrees_are_refused(tmp_path):
@@ -166,7 +171,7 @@ def test_points_far_beside_a_mesh_are_noted_and_those_near_it_are_not():
     scene = meshed()
     near, far = [[WEST + 150.0, NORTH - 50.0, 30.0]], [[WEST + 350.0, NORTH - 50.0, 30.0]]
     assert not noted(lambda: at.line_of_sight(scene, near, GOOD[0]))
-    assert "1 of 1 observers lie far beside arrays" in noted(lambda: at.line_of_sight(scene, far, GOOD[0]))[0]
+    assert "1 of 1 observer lies far beside arrays" in noted(lambda: at.line_of_sight(scene, far, GOOD[0]))[0]
 
 
 @pytest.mark.parametrize("make", [raster, meshed], ids=["raster", "mesh"])
@@ -178,8 +183,10 @@ def test_points_without_a_surface_to_be_placed_on_are_refused(job, place, make):
         "viewshed": lambda: at.viewshed(make(), GOOD, points, **options),
         "skyline": lambda: at.skyline(make(), points, north=0.0, **options),
     }
-    words = r"1 of 2 (observers|points) are to be placed on a surface, and lie beside .* or on a hole; the first is "
-    with pytest.raises(at.InputError, match=words + f"{place[0]:.10g},{place[1]:.10g},0; move them"):
+    words = (
+        r"1 of 2 (observers|points) lies beside .* or on a hole, where no surface is to place points on; the first is "
+    )
+    with pytest.raises(at.InputError, match=words + f"{place[0]:.10g},{place[1]:.10g},0; move such points"):
         calls[job]()
 
 
@@ -227,7 +234,7 @@ def test_a_turbine_whose_rotor_reaches_below_the_ground_is_refused_with_the_heig
     ):
         at.visible_share(make(), GOOD, at.Turbine((x, y, 5.0), 4.0, 10.0))
     (note,) = noted(lambda: at.visible_share(make(), GOOD, at.Turbine((x, y, 4.0), 12.0, 5.0)))
-    assert note.startswith("1 of 1 turbines lie below the ground")
+    assert note.startswith("1 of 1 turbine lies below the ground")
     assert not noted(lambda: at.visible_share(make(), GOOD, at.Turbine((x, y, 5.0), 12.0, 5.0)))
 
 
@@ -268,7 +275,7 @@ def test_hours_of_windows_drawn_on_a_wall_are_those_of_the_windows_alone_or_note
     wrong = int((drawn != right).sum())
     assert none == no_notes == nothing == [] and bool(notes) >= (wrong > 0)
     if notes:
-        assert int(notes[0].split(" of ")[0]) >= wrong and f"less than {NEAR:g} in front" in notes[0]
+        assert int(notes[0].split(" of ")[0]) >= wrong and f"less than {NEAR:g} behind" in notes[0]
 
 
 def test_windows_drawn_on_walls_are_wrong_and_noted_at_some_angles():
@@ -284,7 +291,7 @@ JOBS_ON_FACES = {
     "targets": lambda scene, form: at.visibility_matrix(scene, [scene.bounds[1] + 9.0], form),
     "visible_share": lambda scene, form: at.visible_share(scene, form, [scene.bounds[1] + 9.0]),
     "target": lambda scene, form: at.visible_share(scene, [scene.bounds[1] + 9.0], at.sensors_of(form, scene)),
-    "skyline": lambda scene, form: at.skyline(scene, form, step=30.0),
+    "skyline": lambda scene, form: at.skyline(scene, form, azimuth_step=30.0),
     "line_of_sight": lambda scene, form: sightlines(scene, at.sensors_of(form, scene)),
 }
 
@@ -297,7 +304,7 @@ def sightlines(scene, sensors):
 @pytest.mark.parametrize("job", JOBS_ON_FACES)
 def test_sensors_closely_behind_another_surface_are_noted_in_every_job_until_they_are_lifted(job, form):
     scene, _ = facade(290.1, 0.001)
-    assert any("have another surface less than" in note for note in noted(lambda: JOBS_ON_FACES[job](scene, form)))
+    assert any("behind another surface" in note for note in noted(lambda: JOBS_ON_FACES[job](scene, form)))
     assert not noted(lambda: JOBS_ON_FACES[job](scene, f"{form}+0.01"))
 
 
@@ -318,7 +325,7 @@ def test_faces_closely_behind_others_are_noted_in_view_factors(side):
     quads = quads if side == "front" else quads[:, ::-1]
     near, far = (at.Scene.from_arrays(np.r_[square, square - (0, d, 0)], np.r_[quads, quads + 4]) for d in (0.001, 0.1))
     (note,) = noted(lambda: at.view_factors(near, "face", samples=64, side=side))
-    assert note.startswith("2 of 4 faces have another one less than 0.005 in front, which hides them")
+    assert note.startswith("2 of 4 faces lie less than 0.005 behind another face")
     assert not noted(lambda: at.view_factors(far, "face", samples=64, side=side))
 
 

@@ -10,7 +10,7 @@ import pytest
 
 import antumbra as at
 from antumbra.base import memory
-from antumbra.city.sensors import sensor_files
+from antumbra.city.sensors import table_rows
 from antumbra.city.sensors.sensor_files import check_sensors, kind_of, read_points, sensors_of
 from mutations import mutated
 
@@ -123,7 +123,7 @@ def test_texts_are_no_points(tmp_path):
 
 
 def test_long_tables(tmp_path, monkeypatch):
-    monkeypatch.setattr(sensor_files, "CSV_ROWS", 3)
+    monkeypatch.setattr(table_rows, "CSV_ROWS", 3)
     for n in 0, 1, 3, 7:
         points = np.arange(3.0 * n).reshape(n, 3)
         (tmp_path / "a.csv").write_text("x,y,z\n" + "".join(f"{x},{y},{z}\n" for x, y, z in points))

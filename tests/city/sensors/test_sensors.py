@@ -119,7 +119,7 @@ NAN, INF = float("nan"), float("inf")
         ({"raster": RASTER, "cells": [-1, 0]}, "cells of sensors hold -1; they must be from 0 to 1"),
         ({"raster": RASTER, "cells": [0.0, 1.0]}, "cells of sensors must be whole numbers"),
         ({"raster": RASTER, "cells": [0]}, r"cells of 2 sensors must be numbers \(2,\)"),
-        ({"raster": RASTER._replace(columns=3)}, "2 sensors are not one for each of 3 cells of the raster; give cells"),
+        ({"raster": RASTER._replace(columns=3)}, "2 sensors for 3 cells of the raster; give cells"),
         ({"cells": [0, 1]}, "cells of sensors need a raster"),
         ({"raster": RASTER._replace(west="a"), "cells": [0, 1]}, "west of the raster is 'a'"),
         ({"raster": RASTER._replace(north=NAN), "cells": [0, 1]}, "north of the raster is nan"),

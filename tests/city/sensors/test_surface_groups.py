@@ -7,9 +7,11 @@ from hypothesis import strategies as st
 
 import antumbra as at
 import city_files
+from antumbra import examples
 from antumbra.city.sensors.surface_groups import (
     azimuths,
     faces_between,
+    notes_on_buildings,
     surface_groups,
     tilts,
     unit_normals,
@@ -45,12 +47,33 @@ def test_a_city_has_surfaces_objects_and_buildings(tmp_path):
     scene = at.load(city_files.put(tmp_path, city_files.everything()))
     objects, buildings = surface_groups(scene, "object"), surface_groups(scene, "building")
     assert objects.names == scene.city.objects == ["tree", "house", "part", "pond"]
-    assert buildings.names == ["tree", "house", "pond"] and buildings.types[1] == "Building"
+    assert buildings.names == ["house"] and buildings.types == ["Building"]
     of_house = np.isin(objects.of_face, (1, 2))
-    assert (buildings.of_face == 1).tolist() == of_house.tolist() and 0 < of_house.mean() < 1
+    assert buildings.of_face.tolist() == np.where(of_house, 0, -1).tolist() and 0 < of_house.mean() < 1
     surfaces = surface_groups(scene, "surface")
     assert surfaces.names == [f"{scene.city.objects[each.object]}/{k}" for k, each in enumerate(scene.city.surfaces)]
     assert "RoofSurface" in surfaces.types and surfaces.of_face.tolist() == scene.city.surface_of_face.tolist()
+
+
+def test_streets_and_trees_are_no_buildings():
+    village = examples.village()
+    groups = surface_groups(village, "building")
+    assert len(groups.names) == 24 and set(groups.types) == {"Building"} and (groups.of_face == -1).any()
+    assert notes_on_buildings(village, "building") == []
+
+
+def test_objects_without_types_count_as_buildings_and_a_note_says_so():
+    assert surface_groups(box(name="box"), "building").names == ["box"]
+    assert notes_on_buildings(box(name="box"), "building") == [
+        "box: its objects have no types, so each counts as a building"
+    ]
+    assert notes_on_buildings(box(), "object") == notes_on_buildings(box(), np.zeros(12, int)) == []
+
+
+def test_a_scene_without_buildings_has_no_rows_per_building():
+    hills = examples.hills()
+    with pytest.raises(at.InputError, match="hills has no buildings, only TINRelief; use surface for the rows"):
+        surface_groups(hills, "building")
 
 
 def test_numbers_form_groups():

@@ -82,6 +82,6 @@ def test_cells_of_days_have_the_added_hours(cli, plain):
 
 def test_rows_of_objects_are_not_compared(cli, plain):
     done = cli(
-        "shadow", "plain.glb", *HERE, "--at", "2026-03-21T10:00", "--by", "object", "--add", "new.obj?up=z", "--before"
+        "shadow", "plain.glb", *HERE, "--at", "2026-03-21T10:00", "--per", "object", "--add", "new.obj?up=z", "--before"
     )
-    assert done.code == 2 and "--before compares the whole shadow; leave --by object out" in done.err
+    assert done.code == 2 and "--before compares the whole shadow; leave --per object out" in done.err

@@ -37,7 +37,7 @@ def test_hours_in_classes(cli):
 def test_a_city_knows_its_place_and_its_buildings(cli, tmp_path):
     cubes = city_files.city(vertices=city_files.CUBE + (85000, 447000, 0))
     path = city_files.put(tmp_path, cubes)
-    told = cli("shadow", path, *MOMENT, "--by", "object", "--json").json()
+    told = cli("shadow", path, *MOMENT, "--per", "object", "--json").json()
     assert told["files"] == ["a-shadow.gpkg"] and told["rows"]["object"] == ["a"] and told["crs"] == "EPSG:7415"
     frame = geopandas.read_file(tmp_path / "a-shadow.gpkg")
     assert frame.crs.to_epsg() == 28992 and frame["object"].tolist() == ["a"]

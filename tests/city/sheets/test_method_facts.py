@@ -74,7 +74,7 @@ def test_sources_name_files_crs_and_unit_without_folders(tmp_path):
     assert facts["file"] == f"plan.csv: 4 bytes, SHA-256 {hashlib.sha256(b'x,y' + bytes([10])).hexdigest()}"
     assert facts["licence of the data"] == "not stated in the files"
     assert dict(source_facts(about, None, [], "CC0"))["licence of the data"] == "CC0"
-    assert file_text(tmp_path) == "a folder of 1 files"
+    assert file_text(tmp_path) == "a folder of 1 file"
     with pytest.raises(at.InputError, match=r"sources: no\.csv cannot be read"):
         file_text(tmp_path / "no.csv")
 

@@ -85,7 +85,7 @@ def test_the_pages_of_windows_say_all_that_a_reader_asks(tmp_path):
     page, table, method, suns, sources = table_pages_of(
         windows(), "en17037_passes", sources=[data], licence="CC BY 4.0", title="Windows"
     )
-    assert "fails: 25.0% of the sensors" in words(page) and "passes: 75.0% of the sensors" in words(page)
+    assert "fails: 25.0 % of the sensors" in words(page) and "passes: 75.0 % of the sensors" in words(page)
     assert {"A1.1", "A2.3", "B2.3"} <= set(texts(page)) and "the lowest first, then outwards" in words(page)
     found = texts(table)
     assert {"id", "dwelling", "x (m)", "sun hours (h)", "energy (kWh/m²)", "sun hours loss (h)"} <= set(found)
@@ -115,7 +115,7 @@ def test_legends_and_tables_are_in_the_unit_of_the_scene(unit, square, bar):
     made = Table(cells, {"lit": Column(np.arange(len(cells)) % 2 == 0, "", "lit")}, {}, scene)
     found = texts(table_map(made, "lit"))
     area = 0.5 * len(cells) * cells.raster.spacing**2
-    assert f"no: 50.0% of the cells, {area:,.0f} {square}" in " ".join(found)
+    assert f"no: 50.0 % of the cells, {area:,.0f} {square}" in " ".join(found)
     assert any(re.fullmatch(rf"[0-9]+{bar}", text) for text in found)
     assert any("1 in = " in text for text in found) == (unit != "m")
     assert f"x ({unit})" in texts(table_pages_of(windows(unit), "sun_hours")[1])
@@ -243,7 +243,7 @@ def test_labels_are_those_of_a_column_or_none():
 
 def test_a_raster_is_summarised_and_areas_are_listed():
     table = words(table_pages_of(roofs(), "sun_hours")[1])
-    assert "garden" in table and "75.0%" in table and "greatest" in table and "400 rows" in table
+    assert "garden" in table and "75.0 %" in table and "greatest" in table and "400 rows" in table
 
 
 def test_text_of_pdf_files_can_be_selected(tmp_path):

@@ -18,7 +18,7 @@ COMMANDS = {
     "visible": ("visible", *RASTER, *TURBINE),
     "matrix": ("matrix", *RASTER, "--targets", "windows.csv"),
     "los": ("los", "--from", "0,-40,1.6", "--targets", "windows.csv"),
-    "skyline": ("skyline", "--at", "0,0,1.6"),
+    "skyline": ("skyline", "--point", "0,0,1.6"),
     "shadow": ("shadow", *HERE, "--at", "2026-03-21T15:00"),
     "hours of shadow": ("shadow", *HERE, "--days", "2026-03-21", "--cell", "8", "--step", "240"),
 }

@@ -63,7 +63,7 @@ def test_pairs_from_files(cli, wall, tmp_path):
         (("--from", "0,0", "--to", "0,0,0"), ["--from", "three finite numbers"]),
         (("--from", "0,0,0", "--observers", "a.csv"), ["exclude each other"]),
         (("--pairs", "some"), ["--pairs", "all, zip"]),
-        (("--from", "0,0,0", "--to", "1,1,1", "--to", "2,2,2", "--pairs", "zip"), ["1 observers and 2 targets"]),
+        (("--from", "0,0,0", "--to", "1,1,1", "--to", "2,2,2", "--pairs", "zip"), ["1 observer and 2 targets"]),
         (("--from", "0,0,0", "--to", "1,1,1", "-o", "a.png"), [".png", ".csv"]),
     ],
 )

@@ -23,7 +23,7 @@ def wall():
 
 
 def test_a_diagram_has_the_elevations_as_bars():
-    skyline = at.skyline(wall(), [[0.0, 0, 0], [0, 9, 0]], step=45.0)
+    skyline = at.skyline(wall(), [[0.0, 0, 0], [0, 9, 0]], azimuth_step=45.0)
     figure = map_of(horizon_report(skyline, 0, None), title="To the north")
     bars = [patch for patch in figure.axes[0].patches]
     assert len(bars) == 16
@@ -60,12 +60,12 @@ def test_a_crs_gives_the_paths(tmp_path):
     scene = at.Scene.from_arrays(
         np.array([[[85000.0, 447000, 0], [85010, 447000, 0], [85000, 447010, 5]]]), up="z", crs="EPSG:28992"
     )
-    skyline = at.skyline(scene, [[85002.0, 446990, 1]], step=30.0)
+    skyline = at.skyline(scene, [[85002.0, 446990, 1]], azimuth_step=30.0)
     skyline.save_map(tmp_path / "a.svg")
     text = (tmp_path / "a.svg").read_text()
     assert "sun on 21 December" in text and "52.0" in text and "EPSG:28992" in text
     with pytest.raises(at.InputError, match=r"a\.pdf: a diagram shows one point, and there are 2; name a point"):
-        at.skyline(scene, [[85002.0, 446990, 1]] * 2, step=30.0).save_map(tmp_path / "a.pdf")
+        at.skyline(scene, [[85002.0, 446990, 1]] * 2, azimuth_step=30.0).save_map(tmp_path / "a.pdf")
     with pytest.raises(at.InputError, match="point"):
         skyline.save_map(tmp_path / "a.pdf", point=1)
 

@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import antumbra as at
-from cutout_scenes import scene_with_cutouts
+from antumbra.scene.alpha_masks import cutouts_of
+from cutout_scenes import MASKS, pane, scene_with_cutouts
 from scenes import scene_path
 from strength import examples
 
@@ -88,7 +89,7 @@ def rounded(scene, points):
 def test_a_wall(up):
     wall = np.array([[-20, 10, 0], [20, 10, 0], [20, 10, 6], [-20, 10, 6]], float)
     scene = scene_of(wall[[[0, 1, 2], [0, 2, 3]]], up)
-    skyline = at.skyline(scene, world(np.array([[0.0, 0.0, 1.0]]), up), step=STEP)
+    skyline = at.skyline(scene, world(np.array([[0.0, 0.0, 1.0]]), up), azimuth_step=STEP)
     angle = (skyline.azimuth + 180.0) % 360.0 - 180.0
     in_front = np.abs(angle) < np.degrees(np.arctan2(20, 10))
     cosine = np.cos(np.radians(angle))
@@ -108,7 +109,7 @@ def test_a_cone_of_terrain():
     foot = np.stack([radius * np.sin(angle), 300.0 + radius * np.cos(angle), np.zeros(n)], 1)
     faces = np.stack([foot, np.roll(foot, -1, 0), np.broadcast_to([0.0, 300.0, apex], foot.shape)], 1)
     scene = scene_of(faces)
-    skyline = at.skyline(scene, [[0.0, 0.0, 0.0]], step=1.0)
+    skyline = at.skyline(scene, [[0.0, 0.0, 0.0]], azimuth_step=1.0)
     azimuth = np.radians((skyline.azimuth + 180.0) % 360.0 - 180.0)
     # z / r over the half-plane's section of the cone z = apex (1 - d / radius), which is highest where d z_r = z d_r.
     r = np.linspace(150.0, 450.0, 60_001)[:, None]
@@ -151,7 +152,7 @@ def test_a_plane_on_open_ground_sees_its_share_of_the_sky(tilt):
 def test_sky_view_traces_the_same_share_of_the_sky():
     scene = at.procedural("city", triangles=3000)
     points = np.random.default_rng(4).uniform([-40, 1.5, -40], [40, 1.5, 40], (30, 3))
-    skyline = at.skyline(scene, points, step=1.0)
+    skyline = at.skyline(scene, points, azimuth_step=1.0)
     rays = at.sky_view(scene, at.point_sensors(points, np.broadcast_to([0.0, 1.0, 0.0], points.shape)), directions=4096)
     free = skyline.elevation[:, 0] < 90.0
     assert free.sum() > 10 and np.ptp(rays["sky_view"][free]) > 0.2
@@ -164,7 +165,7 @@ def test_sky_view_traces_the_same_share_of_the_sky():
 def test_below_a_roof_all_is_closed():
     roof = np.array([[[-1, -1, 3], [1, -1, 3], [0, 2, 3]]], float)
     skyline = at.skyline(
-        scene_of(roof), [[0.0, 0.0, 1.0], [0.0, 5.0, 1.0], [1.0, -1.0, 0.0], [0.0, 0.0, 4.0]], step=STEP
+        scene_of(roof), [[0.0, 0.0, 1.0], [0.0, 5.0, 1.0], [1.0, -1.0, 0.0], [0.0, 0.0, 4.0]], azimuth_step=STEP
     )
     assert (skyline.elevation[[0, 2]] == 90.0).all() and (skyline.highest[[0, 2]] == 90.0).all()
     assert (skyline.elevation[[1, 3]] < 90.0).all() and skyline.sky_view_factor()[0] == 0.0
@@ -172,9 +173,9 @@ def test_below_a_roof_all_is_closed():
 
 def test_north_turns_the_skyline():
     scene = scene_of(soup(1))
-    plain = at.skyline(scene, [[0.0, 0.0, 0.0]], step=STEP)
+    plain = at.skyline(scene, [[0.0, 0.0, 0.0]], azimuth_step=STEP)
     for turn in (STEP, -3 * STEP, 360.0 - STEP):
-        turned = at.skyline(scene, [[0.0, 0.0, 0.0]], step=STEP, north=turn)
+        turned = at.skyline(scene, [[0.0, 0.0, 0.0]], azimuth_step=STEP, north=turn)
         shift = round(turn / STEP)
         assert np.allclose(turned.elevation, np.roll(plain.elevation, -shift, 1), atol=1e-9)
         assert np.allclose(turned.highest, np.roll(plain.highest, -shift, 1), atol=1e-9)
@@ -187,10 +188,10 @@ def test_grid_convergence_of_the_crs():
     scene.crs = "EPSG:32632"
     eye = [[400_000.0, 5_800_000.0, 0.0]]
     north = at.place_of(scene).north
-    skyline = at.skyline(scene, eye, step=STEP)
+    skyline = at.skyline(scene, eye, azimuth_step=STEP)
     assert abs(north) > 0.5 and skyline.about["north"] == north
-    assert np.array_equal(skyline.elevation, at.skyline(scene, eye, step=STEP, north=north).elevation)
-    assert not np.array_equal(skyline.elevation, at.skyline(scene, eye, step=STEP, north=0.0).elevation)
+    assert np.array_equal(skyline.elevation, at.skyline(scene, eye, azimuth_step=STEP, north=north).elevation)
+    assert not np.array_equal(skyline.elevation, at.skyline(scene, eye, azimuth_step=STEP, north=0.0).elevation)
 
 
 # --- Brute force ------------------------------------------------------------------------------------------------------
@@ -201,7 +202,7 @@ def test_grid_convergence_of_the_crs():
 def test_soups_equal_brute_force_over_all_edges(seed, up):
     scene = scene_of(soup(seed), up)
     eyes = np.random.default_rng(seed).uniform(-1.0, 1.0, (3, 3)) * [1, 1, 6]
-    skyline = at.skyline(scene, world(eyes, up), step=STEP)
+    skyline = at.skyline(scene, world(eyes, up), azimuth_step=STEP)
     here = rounded(scene, world(eyes, up))
     here = here if up == "z" else here[:, [0, 2, 1]] * [1, -1, 1]
     for k, eye in enumerate(here):
@@ -218,7 +219,7 @@ def test_soups_equal_brute_force_over_all_edges(seed, up):
 @given(st.integers(0, 2**32 - 1))
 def test_exact_rays_pass_just_above_and_meet_something_below(seed):
     scene = scene_of(soup(seed, 200))
-    skyline = at.skyline(scene, [[0.0, 0.0, 0.0]], step=STEP)
+    skyline = at.skyline(scene, [[0.0, 0.0, 0.0]], azimuth_step=STEP)
     eye, least = rounded(scene, np.zeros((1, 3))), 1e-3
 
     def blocked(azimuth, elevation):
@@ -241,7 +242,10 @@ def test_exact_rays_pass_just_above_and_meet_something_below(seed):
 def test_many_azimuths_and_threads_agree():
     scene = scene_of(soup(5, 300))
     eyes = np.random.default_rng(0).uniform(-20, 20, (40, 3))
-    few, many = at.skyline(scene, eyes, step=STEP, threads=1), at.skyline(scene, eyes, step=STEP / 8, threads=2)
+    few, many = (
+        at.skyline(scene, eyes, azimuth_step=STEP, threads=1),
+        at.skyline(scene, eyes, azimuth_step=STEP / 8, threads=2),
+    )
     assert np.allclose(few.elevation, many.elevation[:, ::8], atol=1e-9)
     assert (few.highest >= many.elevation[:, ::8] - 1e-9).all()
     inside = np.stack([np.roll(many.highest, k, 1)[:, ::8] for k in range(-3, 4)]).max(0)
@@ -251,12 +255,12 @@ def test_many_azimuths_and_threads_agree():
 def test_a_point_on_a_tilted_roof_sees_the_roof_behind_it():
     roof = np.array([[-5, 0, 0], [5, 0, 0], [5, 5, 5], [-5, 5, 5]], float)[[[0, 1, 2], [0, 2, 3]]]
     scene = scene_of(roof)
-    on = at.skyline(scene, [[0.3, 2.0, 2.0]], normals=[0, -1, 1], step=90.0)
+    on = at.skyline(scene, [[0.3, 2.0, 2.0]], normals=[0, -1, 1], azimuth_step=90.0)
     assert on.elevation[0, 0] == pytest.approx(45.0, abs=1e-3) and on.elevation[0, 2] == pytest.approx(-45.0, abs=1e-3)
-    lifted = at.skyline(scene, [[0.3, 2.0, -7.0]], on_surface=True, eye_height=1.0, step=90.0)
+    lifted = at.skyline(scene, [[0.3, 2.0, -7.0]], on_surface=True, eye_height=1.0, azimuth_step=90.0)
     assert np.allclose(lifted.points, [[0.3, 2.0, 3.0]], atol=1e-6)
     assert lifted.elevation[0, 0] == pytest.approx(np.degrees(np.arctan2(2.0, 3.0)), abs=1e-4)
-    assert len(at.skyline(scene, "face", step=90.0).points) == 2
+    assert len(at.skyline(scene, "face", azimuth_step=90.0).points) == 2
 
 
 def test_instances_have_the_skyline_of_their_copies():
@@ -265,14 +269,52 @@ def test_instances_have_the_skyline_of_their_copies():
     moves[1, :3, 3], moves[2, :3, 3] = [3, 0, 1], [0, -4, 2]
     copies = at.Scene.from_instances([mesh], [moves], up="z")
     flat = scene_of(seen_from(copies))
-    found, want = (at.skyline(scene, [0.0, 0.0, 1.0], step=STEP) for scene in (copies, flat))
+    found, want = (at.skyline(scene, [0.0, 0.0, 1.0], azimuth_step=STEP) for scene in (copies, flat))
     assert np.allclose(found.elevation, want.elevation, atol=1e-4) and (want.elevation > -90.0).any()
 
 
-def test_a_store_is_refused(tmp_path):
-    at.build_store(scene_of(soup(3)), tmp_path / "a.antumbra")
-    with pytest.raises(at.InputError, match="is a store"):
-        at.skyline(at.load(tmp_path / "a.antumbra"), [0, 0, 0])
+def test_a_store_has_the_skyline_of_its_scene(tmp_path):
+    scene = scene_of(np.concatenate([soup(3, 200), [[[-9, -9, 8], [9, -9, 8], [0, 1, 8]]]]))  # with a roof
+    assert at.build_store(scene, tmp_path / "a.antumbra", chunk=32).chunks > 4
+    eyes = np.random.default_rng(3).uniform(-9, 9, (40, 3))
+    found, want = (at.skyline(each, eyes, azimuth_step=STEP) for each in (at.load(tmp_path / "a.antumbra"), scene))
+    assert (found.elevation == want.elevation).all() and (found.highest == want.highest).all()
+    assert (want.elevation == 90.0).any() and (want.elevation < 90.0).any() and (want.elevation > 0.0).any()
+
+
+def test_a_store_on_a_curved_earth_has_the_skyline_of_its_scene_if_it_fits_in_memory(tmp_path):
+    scene = scene_of(soup(3).astype(np.float32))
+    at.build_store(scene, tmp_path / "a.antumbra")
+    store = at.load(tmp_path / "a.antumbra")
+    found, want = (at.skyline(each, [0, 0, 0], curvature=True) for each in (store, scene))
+    assert (found.elevation == want.elevation).all() and (found.highest == want.highest).all()
+    store.max_memory = 1 << 20
+    with pytest.raises(at.InputError, match=r"needs all .* triangles at once"):
+        at.skyline(store, [0, 0, 0], curvature=True)
+
+
+@pytest.mark.parametrize("kind", ["without area", "clear", "with holes"])
+def test_the_highest_point_of_a_store_is_on_a_face_that_is_seen(tmp_path, kind):
+    corners = soup(3, 60).astype(np.float32)
+    corners[0] = [[3, 0, 90], [3, 1, 90], [3, 0.5, 90.5]] if kind != "without area" else [[3, 0, 90]] * 3
+    scene = scene_of(corners)
+    if kind != "without area":
+        mask = np.full(60, -1, np.int32)
+        mask[0] = 0
+        uv = np.tile(np.float32([[0, 0], [3, 0], [0, 3]]), (60, 1, 1))
+        scene.data.cutouts = cutouts_of(uv, mask, [pane(1.0) if kind == "clear" else MASKS[0]])
+    at.build_store(scene, tmp_path / "a.antumbra", chunk=16)
+    found, want = (at.skyline(each, [0.0, 0.0, 3.0]) for each in (at.load(tmp_path / "a.antumbra"), scene))
+    assert np.array_equal(found.highest, want.highest, equal_nan=True)
+    assert np.array_equal(found.elevation, want.elevation)
+
+
+def test_stored_terrain_on_a_curved_earth_has_the_skyline_of_the_scene(tmp_path):
+    hills = at.examples.hills()
+    at.build_store(hills, tmp_path / "a.antumbra")
+    eye = hills.bounds.mean(0) + [0.0, 0.0, 200.0]
+    found, want = (at.skyline(each, eye, curvature=True) for each in (at.load(tmp_path / "a.antumbra"), hills))
+    assert np.array_equal(found.elevation, want.elevation) and (want.elevation > -90.0).any()
 
 
 def test_faces_with_holes_count_as_solid():
@@ -280,7 +322,7 @@ def test_faces_with_holes_count_as_solid():
     assert scene.cutouts is not None
     eye = scene.bounds.mean(0) + [0.0, 3.0 * np.ptp(scene.bounds[:, 1]), 0.0]
     solid = at.Scene.from_arrays(scene.triangles().vertices + scene.triangles().origin, up=scene.up)
-    with_holes, without = at.skyline(scene, [eye], step=10.0), at.skyline(solid, [eye], step=10.0)
+    with_holes, without = at.skyline(scene, [eye], azimuth_step=10.0), at.skyline(solid, [eye], azimuth_step=10.0)
     assert np.allclose(with_holes.elevation, without.elevation, atol=1e-4) and (without.elevation > -90.0).any()
 
 
@@ -300,7 +342,7 @@ def test_delft_within_a_hundredth_of_a_degree_of_brute_force():
 
 @pytest.fixture
 def skyline():
-    return at.skyline(scene_of(soup(3)), [[0.0, 0.0, 0.0], [1.0, 2.0, 3.0]], step=7.5)
+    return at.skyline(scene_of(soup(3)), [[0.0, 0.0, 0.0], [1.0, 2.0, 3.0]], azimuth_step=7.5)
 
 
 def test_files_hold_the_arrays(skyline, tmp_path):
@@ -331,8 +373,8 @@ def test_pvgis_and_pvlib_take_the_skyline(skyline, tmp_path):
 def test_bad_input(skyline, tmp_path):
     scene = scene_of(soup(3))
     for words, call in {
-        r"^step \(degrees\) is 7; it must divide 360": lambda: at.skyline(scene, [[0, 0, 0]], step=7.0),
-        r"^step \(degrees\) is 0": lambda: at.skyline(scene, [[0, 0, 0]], step=0.0),
+        r"^azimuth_step \(degrees\) is 7; it must divide 360": lambda: at.skyline(scene, [[0, 0, 0]], azimuth_step=7.0),
+        r"^azimuth_step \(degrees\) is 0": lambda: at.skyline(scene, [[0, 0, 0]], azimuth_step=0.0),
         "there is no point": lambda: at.skyline(scene, np.empty((0, 3))),
         "^points": lambda: at.skyline(scene, [[0, np.nan, 0]]),
         "^north": lambda: at.skyline(scene, [[0, 0, 0]], north=np.nan),

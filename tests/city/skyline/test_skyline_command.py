@@ -9,12 +9,14 @@ import pytest
 import antumbra as at
 
 SCENE = "procedural:city?triangles=3000"
-EYES = "--at", "0,60,0", "--at", "3,1.5,40"
+EYES = "--point", "0,60,0", "--point", "3,1.5,40"
 
 
 def test_files_and_answers_are_those_of_the_function(cli):
-    told = cli("skyline", SCENE, *EYES, "--step", 10, "--north", 0.8, "-o", "a.csv", "-o", "a.npz", "--json").json()
-    want = at.skyline(at.procedural("city", triangles=3000), [[0, 60, 0], [3, 1.5, 40]], step=10, north=0.8)
+    told = cli(
+        "skyline", SCENE, *EYES, "--azimuth-step", 10, "--north", 0.8, "-o", "a.csv", "-o", "a.npz", "--json"
+    ).json()
+    want = at.skyline(at.procedural("city", triangles=3000), [[0, 60, 0], [3, 1.5, 40]], azimuth_step=10, north=0.8)
     assert told["outputs"] == ["a.csv", "a.npz"] and (told["points"], told["azimuths"], told["north"]) == (2, 36, 0.8)
     assert told["sky_view_factor"] == pytest.approx(want.sky_view_factor().mean())
     with np.load("a.npz") as arrays:
@@ -27,9 +29,9 @@ def test_files_and_answers_are_those_of_the_function(cli):
 
 
 def test_a_pvgis_file_of_one_point(cli):
-    assert cli("skyline", SCENE, *EYES[2:], "--step", 7.5, "--highest", "-o", "a.txt", "-q").code == 0
+    assert cli("skyline", SCENE, *EYES[2:], "--azimuth-step", 7.5, "--highest", "-o", "a.txt", "-q").code == 0
     lines = [float(line) for line in Path("a.txt").read_text().split()]
-    want = at.skyline(at.procedural("city", triangles=3000), [3, 1.5, 40], step=7.5)
+    want = at.skyline(at.procedural("city", triangles=3000), [3, 1.5, 40], azimuth_step=7.5)
     assert np.allclose(lines, np.maximum(want.highest[0], 0.0), rtol=1e-5) and max(lines) > 10.0
 
 
@@ -41,7 +43,7 @@ def test_points_from_files_and_on_surfaces(cli):
     assert lifted["points"] == 2
     heights = np.array(json.loads(Path("a.json").read_text())["points"])[:, 1]
     assert (heights > 1.5).all()
-    rastered = cli("skyline", SCENE, "--points", "raster:40", "--eye-height", 1, "--step", 30, "--json").json()
+    rastered = cli("skyline", SCENE, "--points", "raster:40", "--eye-height", 1, "--azimuth-step", 30, "--json").json()
     assert rastered["points"] > 4 and "skylines" in rastered
 
 
@@ -52,10 +54,10 @@ def test_points_from_files_and_on_surfaces(cli):
         ((*EYES, "--points", "raster:9"), ("two kinds",)),
         (("--points", "a.csv"), ("a.csv", "no such file")),
         (("--points", "some"), ("--points", "raster")),
-        (("--at", "0,0"), ("--at", "three finite numbers")),
+        (("--point", "0,0"), ("--point", "three finite numbers")),
         ((*EYES, "-o", "a.txt"), ("holds one point",)),
         ((*EYES, "-o", "a.png"), (".png", ".csv")),
-        ((*EYES, "--step", "7"), ("--step", "divide 360")),
+        ((*EYES, "--azimuth-step", "7"), ("--azimuth-step", "divide 360")),
     ],
 )
 def test_bad_arguments(cli, arguments, words):

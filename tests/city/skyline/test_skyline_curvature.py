@@ -23,20 +23,20 @@ def far_walls(up, height=900.0):
 def test_far_walls_stand_lower_by_their_drop(up):
     eyes = np.array([[0.0, 0.0, 2.0], [-3_000.0, 5_000.0, 150.0], [8_000.0, -6_000.0, 30.0]])
     points = eyes if up == "z" else np.stack([eyes[:, 0], eyes[:, 2], -eyes[:, 1]], 1)
-    found = at.skyline(far_walls(up), points, step=90.0, curvature=True, refraction=K)
+    found = at.skyline(far_walls(up), points, azimuth_step=90.0, curvature=True, refraction=K)
     for column, distance in ((0, 40e3 - eyes[:, 1]), (1, 25e3 - eyes[:, 0])):
         expected = np.degrees(np.arctan((900.0 - eyes[:, 2]) / distance - DROP * distance))
         assert np.abs(found.elevation[:, column] - expected).max() < 2e-6
     assert (found.elevation[:, 2:] == -90.0).all() and found.about["refraction"] == K
-    flat = at.skyline(far_walls(up), points, step=90.0)
+    flat = at.skyline(far_walls(up), points, azimuth_step=90.0)
     assert (flat.elevation[:, :2] - found.elevation[:, :2] > 0.06).all() and "refraction" not in flat.about
 
 
 def test_the_highest_of_a_bin_stays_an_upper_bound():
     scene, rng = far_walls("z"), np.random.default_rng(1)
     for eye in rng.uniform([-8e3, -8e3, 1.0], [8e3, 8e3, 400.0], (3, 3)):
-        found = at.skyline(scene, eye[None], step=5.0, curvature=True, refraction=K)
-        own = at.skyline(lowered_scene(scene, Earth(DROP, eye, 2)), eye[None], step=5.0)
+        found = at.skyline(scene, eye[None], azimuth_step=5.0, curvature=True, refraction=K)
+        own = at.skyline(lowered_scene(scene, Earth(DROP, eye, 2)), eye[None], azimuth_step=5.0)
         there = own.highest > -90.0
         assert np.abs(found.elevation - own.elevation)[own.elevation > -90.0].max() < 1e-4
         over = (found.highest - own.highest)[there]

@@ -60,7 +60,7 @@ def test_radiation_goes_with_the_suns(tmp_path):
     "rows, words",
     [
         (["nonsense"], "not an EPW file"),
-        ([row(date(2023, 1, 1), 1, 9999, 0), row(date(2023, 1, 1), 2, 5, 5)], "1 of 2 rows lack direct or diffuse"),
+        ([row(date(2023, 1, 1), 1, 9999, 0), row(date(2023, 1, 1), 2, 5, 5)], "1 of 2 rows lacks direct or diffuse"),
         ([row(date(2023, 1, 1), 1, 5, 5)] * 2, "not one row for each hour"),
         ([row(date(2023, 1, 1), 25, 5, 5)], "not one row for each hour|not an EPW file"),
         ([row(date(2023, 2, 28), 1, 5, 5).replace(",28,", ",30,")], "a day that does not exist"),
@@ -182,7 +182,7 @@ def test_radiation_in_the_night_is_refused(tmp_path, name):
     place = PLACES[name]
     path = clear_year(tmp_path, place, days=EVERY_WEEK, latitude=-place.latitude)
     with pytest.raises(
-        at.InputError, match=r"^a.epw: \d+.\d% of its radiation falls in the night at .*; correct the lat"
+        at.InputError, match=r"^a.epw: \d+.\d % of its radiation falls in the night at .*; correct the lat"
     ):
         read_epw(path)
 

@@ -158,7 +158,7 @@ def test_the_command_writes_a_table_and_a_plot(cli, hall):
     assert table["point"].unique().tolist() == ["west", "a, b"] and len(table) == 40
     times = np.array([f"{d}T{t}" for d, t in zip(table["date"], table["first_sun"])], "datetime64[s]")
     assert (times == found.first.ravel()).all() and (table["hours"] > 5.0).all()
-    assert cli(*words, "--at", "-5,0,1", "--map", "a.png", "-o", "b.csv").code == 0
+    assert cli(*words, "--point", "-5,0,1", "--map", "a.png", "-o", "b.csv").code == 0
     assert Path("a.png").stat().st_size > 20_000 and Path("b.csv").read_text().count("\n") == 21
 
 
@@ -175,14 +175,14 @@ def test_shards_give_the_same_bytes(cli, hall):
     "words, told",
     [
         (("--days", "2026-03-20"), "there are no points"),
-        (("--days", "2026-03-20", "--at", "1,2,3", "--points", "points.csv"), "exclude each other"),
-        (("--days", "2026-03-40", "--at", "1,2,3"), "is not a day"),
+        (("--days", "2026-03-20", "--point", "1,2,3", "--points", "points.csv"), "exclude each other"),
+        (("--days", "2026-03-40", "--point", "1,2,3"), "is not a day"),
         (("--days", "2026-03-20", "--points", "points.csv", "--map", "a.pdf"), "a diagram shows one point"),
         (
-            ("--days", "2026-03-20", "--at", "-5,0,1", "--map", "a.pdf", "--sheet", "scale=1:500"),
+            ("--days", "2026-03-20", "--point", "-5,0,1", "--map", "a.pdf", "--sheet", "scale=1:500"),
             "the sheet is a diagram",
         ),
-        (("--days", "2026-03-20", "--at", "900,0,0", "--on-surface"), "are to be placed on a surface"),
+        (("--days", "2026-03-20", "--point", "900,0,0", "--on-surface"), "where no surface is to place points on"),
     ],
 )
 def test_errors_leave_no_file(cli, hall, words, told):

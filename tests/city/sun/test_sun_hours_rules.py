@@ -252,7 +252,7 @@ def test_windows_and_dwellings_have_a_row_each_without_joins(cli, tmp_path, wind
     assert [row["br209_vsc_passes"] for row in each] == ["False", "True", "False", "False"]
     assert float(each[1]["br209_vsc"]) > 39.0
     done = cli(*windows, *rules, *place, "--per", "dwelling", "-o", "homes.csv", "-o", "homes.json")
-    assert done.code == 0 and "br209-vsc" in done.out and "0 of 2 rows pass (0.0%)" in done.out
+    assert done.code == 0 and "br209-vsc" in done.out and "0 of 2 rows pass (0.0 %)" in done.out
     homes = read(tmp_path / "homes.csv")
     assert [(row["dwelling"], row["floor"], row["sensors"]) for row in homes] == [("A", "1", "2"), ("B", "2", "2")]
     assert "id" not in homes[0]  # it differs within a dwelling
@@ -269,7 +269,7 @@ def test_windows_and_dwellings_have_a_row_each_without_joins(cli, tmp_path, wind
 def test_windows_without_a_dwelling_belong_to_no_row(tmp_path, windows):
     text = (tmp_path / "windows.csv").read_text().replace("w1,A", "w1,")
     (tmp_path / "windows.csv").write_text(text)
-    with pytest.warns(UserWarning, match="1 of 4 sensors have no dwelling, and belong to no row"):
+    with pytest.warns(UserWarning, match="1 of 4 sensors has no dwelling, and thus no row"):
         table = at.sun_hours(
             at.load(tmp_path / "wall.obj", up="z"), str(tmp_path / "windows.csv"), rule="br209-vsc", per="dwelling"
         )

@@ -106,7 +106,7 @@ def test_a_range_wraps_at_north(city):
 
 def test_rows_per_building_are_means_over_the_area(city, table):
     rows = at.sun_hours(city, "grid:0.25", **STUDY, energy=True, per="building")
-    assert rows["building"].tolist() == ["tree", "house", "pond"] and "azimuth" not in rows.columns
+    assert rows["building"].tolist() == ["house"] and "azimuth" not in rows.columns  # neither tree nor pond
     for k, name in enumerate(rows["building"]):
         on = table["building"] == name
         areas = table.sensors.areas[on]
@@ -117,8 +117,7 @@ def test_rows_per_building_are_means_over_the_area(city, table):
         assert (known.min() == rows["first"][k]) if len(known) else np.isnat(rows["first"][k])
         known = table["last"][on][~np.isnat(table["last"][on])]
         assert (known.max() == rows["last"][k]) if len(known) else np.isnat(rows["last"][k])
-    assert np.isnat(rows["first"]).tolist() == [False, False, True]  # the pond faces down
-    assert np.ptp(rows["sun_hours"]) > 0
+    assert not np.isnat(rows["first"]).any()
 
 
 def test_rows_per_surface(city, table):
@@ -145,14 +144,14 @@ def test_rows_of_other_scenes_are_planar_parts():
 
 def test_pictures_and_models_show_the_rows_on_their_faces(city, tmp_path):
     rows = at.sun_hours(city, "grid:0.25", **STUDY, per="building")
-    of_face = rows.of_faces("sun_hours")
-    assert (of_face == rows["sun_hours"][rows.row_of_face]).all() and len(np.unique(of_face)) == 3
+    of_face, there = rows.of_faces("sun_hours"), rows.row_of_face >= 0
+    assert (of_face[there] == rows["sun_hours"][0]).all() and there.any() and np.isnan(of_face[~there]).all()
     rows.save(tmp_path / "a.glb")
     rows.save(tmp_path / "a.png")
     assert (tmp_path / "a.png").stat().st_size > 1000
     colours = at.load(tmp_path / "a.glb").colours
     assert len(colours) == city.n_triangles
-    assert len(np.unique(colours.round(3), axis=0)) == len(np.unique(rows["sun_hours"].round(6))) == 2
+    assert len(np.unique(colours.round(3), axis=0)) == 2  # the house, and the grey of faces without a row
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ DAY = {"place": PLACE, "days": "2026-03-21", "step": 120}
 
 
 def test_a_summary_has_the_numbers_of_the_table():
-    table = at.sun_hours(at.procedural("city", triangles=1000), "raster:20", sky=16, **DAY)
+    table = at.sun_hours(at.procedural("city", triangles=1000), "raster:20", sky_view=16, **DAY)
     found = sun_summary(table, "sensor", 2.0)
     hours = table["sun_hours"][table.sensors.covered]
     assert found.values["sensors"] == found.values["rows"] == len(table) and found.values["seconds"] == 2.0

@@ -5,7 +5,6 @@ import pytest
 
 import antumbra as at
 import oracle
-from antumbra.city.sun.sun_hours import sky_directions
 from antumbra.city.sun.sun_visibility import (
     BUNDLE,
     DISK,
@@ -15,6 +14,7 @@ from antumbra.city.sun.sun_visibility import (
     sum_suns,
     sun_query,
 )
+from antumbra.scene.sky import sky_directions
 
 PLACE = at.Place(52.0, 4.36, timezone="Europe/Amsterdam")
 

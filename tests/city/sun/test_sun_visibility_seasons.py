@@ -71,7 +71,7 @@ def test_queries_without_a_date_have_the_mean():
 
 def test_diffuse_light_arrives_as_in_its_month():
     up = at.point_sensors([[0.0, 0, 0]], [[0.0, 1, 0]])
-    ask = {"place": EQUATOR, "step": 180, "energy": True, "sky": 64}
+    ask = {"place": EQUATOR, "step": 180, "energy": True, "sky_view": 64}
     both = at.sun_hours(sail(LEAVES), up, "2026-01-15,2026-07-15", **ask)
     parts = [at.sun_hours(sail(LEAVES[m]), up, f"2026-{m + 1:02d}-15", **ask) for m in (0, 6)]
     for name in ("diffuse_kwh_m2", "direct_kwh_m2"):

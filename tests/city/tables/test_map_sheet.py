@@ -4,7 +4,7 @@ import xml.etree.ElementTree as Xml
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
@@ -30,6 +30,7 @@ def known(values):
 # --- Scales -----------------------------------------------------------------------------------------------------------
 
 
+@example(values=np.array([5e-324]))
 @examples(60)
 @given(values=hnp.arrays(np.float64, st.integers(1, 30), elements=st.floats(-1e6, 1e6)))
 def test_scales_end_at_the_true_extremes(values):
@@ -125,7 +126,10 @@ def test_a_sheet_has_all_its_parts():
     assert "My title" in passes
     share = made["br209_apsh_passes"][made.sensors.covered].mean()
     passes = " ".join(passes)
-    assert f"passes: {share:.1%} of the cells" in passes and f"fails: {1 - share:.1%} of the cells" in passes
+    assert (
+        f"passes: {100 * share:.1f} % of the cells" in passes
+        and f"fails: {100 - 100 * share:.1f} % of the cells" in passes
+    )
     assert "no value" in passes and not made.sensors.covered.all()
 
 
@@ -135,7 +139,7 @@ def test_areas_and_observers_are_facts():
         {"name": "garden", "sun_hours": 2.5, "share": 0.75, "passes": True}, {"name": "yard", "sun_hours": None},
     ]}  # fmt: skip
     facts = dict(facts_of(made))
-    assert facts["area garden"] == "mean 2.5 h; 75.0% of the cells: passes" and facts["area yard"] == "no cells"
+    assert facts["area garden"] == "mean 2.5 h; 75.0 % of the cells: passes" and facts["area yard"] == "no cells"
     assert facts["observers"] == "3"
 
 
@@ -161,7 +165,7 @@ def test_areas_say_what_they_were_before():
         "passes": True,
     }
     made.about["areas"] = [areas]
-    text = "mean 2.5 h (before: 4.0 h); 70.0% of the cells (before: 90.0%): passes"
+    text = "mean 2.5 h (before: 4.0 h); 70.0 % of the cells (before: 90.0 %): passes"
     assert dict(facts_of(made))["area garden"] == text
 
 

@@ -1,14 +1,16 @@
 """Tables by block: the files and the sums of tables in memory, whatever the blocks."""
 
+from collections import namedtuple
+
 import numpy as np
 import pytest
 
 import antumbra as at
 from antumbra.city.sun.sun_hours import sun_blocks
 from antumbra.city.sun.sun_options import SunOptions
-from antumbra.city.tables import result_table
+from antumbra.city.tables import parquet_files, result_table
 from antumbra.city.tables.column_totals import totals_of
-from antumbra.city.tables.table_blocks import TableBlocks
+from antumbra.city.tables.table_blocks import WRITTEN_BY_BLOCK, TableBlocks, file_bytes
 
 PLACE = at.Place(52.0, 4.36, timezone="Europe/Amsterdam")
 OPTIONS = SunOptions(days="2026-03-21", place=PLACE, step=60, energy=True)
@@ -42,7 +44,7 @@ FILES = [pair for pair in FILES if pair != ("grid:0.7", ".tif")] + [("raster:0.5
 def test_files_written_by_block_are_those_of_the_table_in_memory(monkeypatch, tmp_path, sensors, suffix):
     pytest.importorskip("rasterio")
     pytest.importorskip("pyarrow")
-    monkeypatch.setattr(result_table, "_GROUP", 700)
+    monkeypatch.setattr(parquet_files, "_GROUP", 700)
     monkeypatch.setattr(result_table, "_TILE", 16)
     texts = []
     for k, size in enumerate((190, 1 << 20)):
@@ -98,9 +100,35 @@ def test_a_table_that_does_not_fit_in_memory_is_refused_before_the_work(cli, tmp
     monkeypatch.chdir(tmp_path)
     words = ("sun", "procedural:city?triangles=3000", "--latitude", 52, "--longitude", 4.36, "--days", "2026-03-21")
     many = (*words, "--sensors", "raster:0.03", "--max-memory", "1G")
-    cli(*many, "-o", "a.png").refused("a.png", "21,790,224 sensors", ".csv, .parquet, .tif", "--max-memory")
+    cli(*many, "-o", "a.png").refused("a.png", "21,790,224 sensors", ".csv, .parquet, .parquets, .tif", "--max-memory")
     shard = cli(*many, "-o", "a.csv", "--shard", "9/9999")
     assert shard.code == 0 and "21,790,224 sensors by block" in shard.err and not (tmp_path / "a.csv").exists()
+
+
+@pytest.mark.parametrize("suffix", [suffix for suffix in WRITTEN_BY_BLOCK if suffix != ".zarr"])
+def test_the_bytes_of_a_file_follow_from_some_of_its_rows(monkeypatch, tmp_path, suffix):
+    pytest.importorskip("rasterio")
+    blocks = in_blocks(monkeypatch, 1 << 15, "raster:0.1")
+    path = tmp_path / f"a{suffix}"
+    middle = blocks.whole()
+    middle = at.Table(middle.sensors.take(np.arange(30_000, 34_096)), {
+        name: column._replace(values=column.values[30_000:34_096]) for name, column in middle.columns.items()
+    }, middle.about, middle.scene)  # fmt: skip
+    expected = file_bytes(middle, len(blocks), path)
+    blocks.save(path)
+    files = [path] if path.is_file() else list(path.glob("part-*"))
+    size = sum(file.stat().st_size for file in files)
+    assert len(blocks) > 40_000 and size < 1.3 * expected
+    assert size > expected / {".csv": 1.3, ".tif": np.inf}.get(suffix, 4.0), "Parquet compresses, and rasters by far"
+
+
+def test_an_output_that_does_not_fit_on_the_disk_is_refused_before_the_work(cli, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    usage = namedtuple("usage", "total used free")
+    monkeypatch.setattr("antumbra.base.files.shutil.disk_usage", lambda folder: usage(0, 0, 1_500_000_000))
+    words = ("sun", "procedural:city?triangles=3000", "--latitude", 52, "--longitude", 4.36, "--days", "2026-03-21")
+    cli(*words, "--sensors", "raster:0.03", "-o", "a.csv").refused("a.csv: takes ", " MB, and ", "has 1,500.0 MB left")
+    assert not list(tmp_path.rglob("*.npz"))
 
 
 @pytest.mark.parametrize(

@@ -48,7 +48,7 @@ def test_many_rows_and_rasters_are_summarised(kind):
     assert rows["a"]["unit"] == "us-ft²" and rows["a"]["values"] == f"{count - 1:,}" and rows["a"]["least"] == "0"
     assert float(rows["a"]["median"].replace(",", "")) == pytest.approx(np.median(known), rel=1e-3)
     assert float(rows["a"]["95 %"].replace(",", "")) == pytest.approx(np.percentile(known, 95), rel=1e-3)
-    assert rows["ok"]["mean"] == "25.0% yes" and f"{count:,} rows" in made.note
+    assert rows["ok"]["mean"] == "25.0 % yes" and f"{count:,} rows" in made.note
 
 
 def test_a_column_without_values_is_a_row_of_dashes():
@@ -65,7 +65,7 @@ def test_areas_come_first():
     ]
     areas, summary = tables_of(made)
     assert [row[0] for row in areas.rows] == ["yard", "garden"] and summary.title == "Summary"
-    assert areas.rows[0][3:] == ["-", "-", "no cells"] and areas.rows[1][3:] == ["2.25", "40.0%", "fails"]
+    assert areas.rows[0][3:] == ["-", "-", "no cells"] and areas.rows[1][3:] == ["2.25", "40.0 %", "fails"]
 
 
 def test_areas_have_both_states_beside_each_other():
@@ -76,4 +76,4 @@ def test_areas_have_both_states_beside_each_other():
     assert areas.headers[3:] == [
         "mean sun hours before (h)", "mean sun hours (h)", "share of cells before", "share of cells", "verdict",
     ]  # fmt: skip
-    assert areas.rows[0][3:] == ["4.50", "2.25", "60.0%", "40.0%", "fails"]
+    assert areas.rows[0][3:] == ["4.50", "2.25", "60.0 %", "40.0 %", "fails"]

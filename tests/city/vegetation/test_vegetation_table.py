@@ -103,7 +103,7 @@ def test_files_and_layers_that_cannot_be_read(tmp_path):
         (
             "d.csv",
             "x,y,height,radius\n1,2,tall,3\n",
-            "1 of 1 rows of the column 'height' for height are no numbers, such as 'tall'",
+            "1 of 1 row of the column 'height' for height lacks a number, such as 'tall'",
         ),
         ("e.csv", "x,y,height,radius\n1,,4,3\n", "has no place"),
     ):
@@ -142,5 +142,5 @@ def test_trees_need_a_surface_and_a_scene_in_memory(tmp_path):
     assert at.from_trees(frame(crs=None), scene=ground, base=0.0).n_triangles == 1 + 2 * 68
     store = tmp_path / "plot.antumbra"
     at.build_store(ground, store)
-    with pytest.raises(at.InputError, match="trees are added to scenes in memory"):
+    with pytest.raises(at.InputError, match="a store cannot be used for this; use the file that it was built from"):
         at.from_trees(frame(crs=None), scene=store)

@@ -4,7 +4,7 @@ from study_cases import StudyCase
 
 CASE = StudyCase(
     "view_factors",
-    {"surfaces": "face", "samples": 64},
+    {"per": "face", "samples": 64},
     exact=lambda found: {"n": len(found)},
     close=lambda found, metres: {"areas": found.areas},  # m2; tangents do not turn along: only expectations are equal
     command="view-factors",

@@ -192,8 +192,8 @@ def test_points_are_uniform_and_directions_have_the_cosine():
 @pytest.mark.parametrize(
     "arguments, message",
     [
-        ({"surfaces": "wall"}, "surfaces is 'wall'"),
-        ({"surfaces": np.full(2, -1)}, "no surface has an area"),
+        ({"per": "wall"}, "per is 'wall'"),
+        ({"per": np.full(2, -1)}, "no surface has an area"),
         ({"samples": 8}, "samples is 8; it must be a whole number from 64"),
         ({"side": "both"}, 'side is \'both\'; it must be "front" or "back"'),
         ({"seed": -1}, "seed is -1"),
@@ -205,7 +205,9 @@ def test_errors(arguments, message):
         at.view_factors(scene, **arguments)
 
 
-def test_stores_are_refused(tmp_path):
-    at.build_store(at.procedural("atrium", triangles=1000), tmp_path / "a.antumbra")
-    with pytest.raises(at.InputError, match="store"):
-        at.view_factors(tmp_path / "a.antumbra")
+def test_a_store_has_the_factors_of_its_scene(tmp_path):
+    scene = at.procedural("atrium", triangles=1000)
+    at.build_store(scene, tmp_path / "a.antumbra", chunk=128)
+    stored, whole = at.view_factors(tmp_path / "a.antumbra", samples=256), at.view_factors(scene, samples=256)
+    assert whole.factors.nnz and (stored.factors != whole.factors).nnz == 0  # a sparse array
+    assert np.array_equal(stored.sky, whole.sky)

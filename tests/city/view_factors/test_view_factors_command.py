@@ -31,7 +31,7 @@ def test_factors_of_a_room(cli, tmp_path, room_obj):
 
 
 def test_the_summary(cli, room_obj):
-    done = cli("view-factors", room_obj, "--surfaces", "object", "--reciprocal", "--samples", 64, "--up", "z")
+    done = cli("view-factors", room_obj, "--per", "object", "--reciprocal", "--samples", 64, "--up", "z")
     assert done.code == 0 and "0 after" in done.out and "sky" in done.out
 
 

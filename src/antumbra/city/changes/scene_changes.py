@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...base.checks import items, path_of, quoted, vector
 from ...base.errors import InputError
+from ...base.wording import counted, place_text, some_of
 from ...engine.scene import AnyScene, Scene
 from ...engine.scene_loading import SceneLike, load, scene_of
 from ...formats.format_registry import format_of
@@ -98,12 +99,12 @@ class SceneChange(NamedTuple):
         covered = _covered(self.changed, sensors.points, normals, threads)
         if not covered.any():
             return sensors
-        told = f"{covered.sum():,} of {len(sensors):,} sensors lie inside what is added or removed, "
+        told = f"{some_of(covered.sum(), len(sensors), 'sensor', 'lie')} inside what is added or removed, "
         if (kind or sensors.kind) == "points" or sensors.normals is None:
-            first = ",".join(f"{x:.9g}" for x in sensors.points[covered.argmax()])
+            first = place_text(sensors.points[covered.argmax()])
             tell([f"{told}so one state means nothing there; the first is {first}"])
             return sensors
-        tell([f"{told}and are left out"])
+        tell([f"{told}so left out"])
         zones = sensors.zones
         if sensors.zone is not None:
             more = np.bincount(sensors.zone[covered], minlength=len(zones))
@@ -352,7 +353,9 @@ def _placed(addition: Any, base: MemoryData) -> tuple[MemoryData, str]:
     _check_beside(data, base)
     low, high = data.bounds.tolist()
     spans = (f"{axis} {a:.9g} to {b:.9g}" for axis, a, b in zip("xyz", low, high))
-    return data.hiding(~_shown(part)), f"added {part.name}: {part.n_triangles:,} triangles, {', '.join(spans)}{words}"
+    return data.hiding(
+        ~_shown(part)
+    ), f"added {part.name}: {counted(part.n_triangles, 'triangle')}, {', '.join(spans)}{words}"
 
 
 _UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
@@ -417,7 +420,7 @@ def _check_beside(part: MemoryData, base: MemoryData) -> None:
     (low, high), (first, last) = plan_bounds(base.bounds, base.up), plan_bounds(part.bounds, base.up)
     width = float((high - low).max())
     if ((first > high + width) | (last < low - width)).any():
-        here, there = (f"{x:.9g},{y:.9g}" for x, y in ((first + last) / 2.0, (low + high) / 2.0))
+        here, there = (place_text(xy) for xy in ((first + last) / 2.0, (low + high) / 2.0))
         raise InputError(
             f"{part.name}: would lie at {here}, far beside {base.name} at {there}; give the position of its origin, or "
             "the axis of the file that points up"

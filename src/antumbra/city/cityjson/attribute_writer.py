@@ -15,6 +15,7 @@ from ...base.checks import as_array, path_of, quoted
 from ...base.checks import text as checked_text
 from ...base.errors import InputError
 from ...base.files import atomic_output, checked_file, checked_output
+from ...base.wording import counted
 from ...scene.mesh import Mesh
 from ...scene.scene_data import CityModel, SemanticSurface
 from .city_geometries import DEPTHS, INSTANCE
@@ -109,7 +110,7 @@ def _means(name: str, face_values: ArrayLike, city: CityModel, vectors: np.ndarr
     if values.shape != city.object_of_face.shape:
         raise InputError(
             f"attribute {name!r} is {values.dtype} {values.shape}; it must be numbers, one for each of "
-            f"{len(city.object_of_face)} faces"
+            f"{counted(len(city.object_of_face), 'face')}"
         )
     values, area = values.astype(np.float64), np.linalg.norm(vectors, axis=1)
     weights = np.where(np.isfinite(values), area, 0.0)

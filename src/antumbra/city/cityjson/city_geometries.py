@@ -5,7 +5,7 @@ areas and energy would count them all. Geometries that fill the same box are the
 """
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from typing import Any, NamedTuple
 
@@ -13,8 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.errors import InputError
+from ...base.memory import check_reading
+from ...base.wording import agreeing, counted
 from ...kernels.small_matrices import product
-from .cityjson_file import CityDocument, CityPart
+from .cityjson_file import CityDocument, CityPart, Place
 
 DEPTHS = {"MultiSurface": 0, "CompositeSurface": 0, "Solid": 1, "MultiSolid": 2, "CompositeSolid": 2}
 """Type of geometry -> nesting depth of the polygons in its boundaries."""
@@ -25,8 +27,21 @@ _PREFERENCE = ("Solid", "CompositeSolid", "MultiSolid", "CompositeSurface", "Mul
 _COVERED = 0.5  # share of a box along each axis
 _TOLERANCE = 0.01  # of a box's longest side: heights differ between models of one building
 
+_OBJECT_BYTES = 400  # of memory for the id of an object and its place, and as much for the rest of a build
+
 _MOST_POLYGONS, _MOST_PER_INSTANCE = 1_000_000, 1_000
 """Polygons that instances of templates may have in any case, and on average."""
+
+
+_NOTES = (
+    "geometries left out that repeat another one of their object (a Solid is preferred){others}",
+    "geometries left out, of objects whose parts repeat them{others}",
+    "objects with a geometry beside those of their parts; all are read, so areas may count twice",
+    "objects left out that an earlier line has at the same place",
+)
+
+_Key = tuple[int, str]
+"""The index of a part of the document, and the id of an object."""
 
 
 class ChosenGeometry(NamedTuple):
@@ -59,41 +74,122 @@ def chosen_geometries(document: CityDocument, lod: str | None) -> ChosenGeometri
     InputError
         If no geometry has the level `lod`; the message lists all levels in the file.
     """
-    every = {
-        (k, name): list(_surfaces(document, part, name))
-        for k, part in enumerate(document.parts)
-        for name in part.objects
-    }
-    levels = sorted({lod_of(c.geometry) for shapes in every.values() for c in shapes} - {""}, key=_rank)
-    if lod is not None:
-        chosen_lod = lod_of({"lod": lod})
-        if chosen_lod not in levels:
-            levels_text = f"there are {', '.join(levels)}" if levels else "its geometries have none; leave lod out"
-            raise InputError(f"{document.file}: no geometry has lod {chosen_lod!r}; {levels_text}")
-        level_of = dict.fromkeys(every, chosen_lod)
-    else:
-        level_of = {
-            key: max((lod_of(c.geometry) for c in shapes), key=_rank) for key, shapes in every.items() if shapes
+    choice = GeometryChoice(document.file, lod)
+    geometries = choice.of(document)
+    return ChosenGeometries(geometries, *choice.end())
+
+
+class GeometryChoice:
+    """The choice of `chosen_geometries` in a file, whose lines may come one after the other.
+
+    again : the document of an earlier line, by its place; None: all lines are in one document
+    """
+
+    def __init__(self, file: str, lod: str | None, again: Callable[[Place], CityDocument] | None = None):
+        self._file, self._lod, self._again = file, None if lod is None else lod_of({"lod": lod}), again
+        self._levels, self._counts = set[str](), np.zeros(len(_NOTES), np.int64)
+        self._first = dict[str, Place | list[ChosenGeometry]]()  # id -> those of the first object
+        self._polygons_in = dict[int, int]()  # id of a template -> its polygons
+        self._n_placed = self._n_polygons = 0  # instances, and their polygons
+
+    def of(self, document: CityDocument, places: Sequence[Place] | None = None) -> list[ChosenGeometry]:
+        """The geometries to read of some lines; `places`: of these."""
+        shapes = {
+            (k, name): found
+            for k, part in enumerate(document.parts)
+            for name in part.objects
+            if (found := self._of_one_level(list(_surfaces(document, part, name))))
         }
-    shapes = {key: [c for c in every[key] if lod_of(c.geometry) == level] for key, level in level_of.items()}
-    shapes = {key: found for key, found in shapes.items() if found}
-    _check_expansion(document, [c for found in shapes.values() for c in found])
-    return _without_repeats(document, shapes, levels, replaced=lod is None)
+        self._check_expansion([c for found in shapes.values() for c in found])
+        kept = self._without_repeats(document, shapes)
+        if places is not None:  # keep no geometry
+            self._first |= {name: places[k] for k, name in reversed(shapes) if isinstance(self._first[name], list)}
+            size, n = _OBJECT_BYTES * len(self._first), len(self._first)
+            check_reading(size, f"{self._file}: the list of the first {counted(n, 'object')}", cure="split the file")
+        return kept
 
+    def _of_one_level(self, found: list[ChosenGeometry]) -> list[ChosenGeometry]:
+        """Those of the given level, or of the highest one."""
+        levels = [lod_of(c.geometry) for c in found]
+        self._levels.update(levels)
+        level = max(levels, key=_rank, default="") if self._lod is None else self._lod
+        return [c for c in found if lod_of(c.geometry) == level]
 
-def _check_expansion(document: CityDocument, chosen: list[ChosenGeometry]) -> None:
-    """Raise an InputError if instances have far more polygons than a scene needs."""
-    placed = [choice.geometry for choice in chosen if choice.instance is not None]
-    counts = dict[int, int]()  # id of a template -> its polygons
-    for template in placed:
-        if id(template) not in counts:
-            counts[id(template)] = _polygon_count(template.get("boundaries"), DEPTHS[template["type"]])
-    total = sum(counts[id(template)] for template in placed)
-    if total > _MOST_POLYGONS + _MOST_PER_INSTANCE * len(placed):
-        raise InputError(
-            f"{document.file}: {len(placed):,} instances of templates have {total:,} polygons, more than "
-            f"{_MOST_PER_INSTANCE:,} each; take simpler templates"
-        )
+    def end(self) -> tuple[list[str], list[str]]:
+        """(all levels of detail, ascending; notes), once all lines have been read.
+
+        Raises
+        ------
+        InputError
+            If no geometry has the given level.
+        """
+        levels = sorted(self._levels - {""}, key=_rank)
+        if self._lod is not None and self._lod not in levels:
+            levels_text = f"there are {', '.join(levels)}" if levels else "its geometries have none; leave lod out"
+            raise InputError(f"{self._file}: no geometry has lod {self._lod!r}; {levels_text}")
+        others = f"; choose another level of {', '.join(levels)} with lod" if len(levels) > 1 else ""
+        texts = [text.format(others=others) for text in _NOTES]
+        return levels, [f"{self._file}: {text}: {count}" for count, text in zip(self._counts, texts) if count]
+
+    def _check_expansion(self, chosen: list[ChosenGeometry]) -> None:
+        """Raise an InputError if instances have far more polygons than a scene needs."""
+        for template in (choice.geometry for choice in chosen if choice.instance is not None):
+            if id(template) not in self._polygons_in:
+                count = _polygon_count(template.get("boundaries"), DEPTHS[template["type"]])
+                self._polygons_in[id(template)] = count
+            self._n_polygons += self._polygons_in[id(template)]
+            self._n_placed += 1
+        if self._n_polygons > _MOST_POLYGONS + _MOST_PER_INSTANCE * self._n_placed:
+            raise InputError(
+                f"{self._file}: {counted(self._n_placed, 'instance')} of templates {agreeing(self._n_placed, 'have')} "
+                f"{counted(self._n_polygons, 'polygon')}, more than {_MOST_PER_INSTANCE:,} each; take simpler templates"
+            )
+
+    def _without_repeats(
+        self, document: CityDocument, shapes: dict[_Key, list[ChosenGeometry]]
+    ) -> list[ChosenGeometry]:
+        """The geometries without those that others repeat; `shapes`: those of each object, of one level."""
+        boxes = _Boxes(document)
+        alone = {key: _distinct(boxes, found) for key, found in shapes.items()}
+        n_repeats = sum(len(found) - len(alone[key]) for key, found in shapes.items())
+        listed = self._listed_once(boxes, alone)
+        n_twice, alone = len(alone) - len(listed), listed
+        parts_of = [_parts_of(part) for part in document.parts]
+        kept, n_wholes, n_beside = list[ChosenGeometry](), 0, 0
+        for (k, name), found in alone.items():
+            parts = [alone[k, child] for child in parts_of[k][name] if (k, child) in alone]
+            level = _rank(lod_of(found[0].geometry))
+            same = [c for part in parts for c in part if _rank(lod_of(c.geometry)) == level]
+            if self._lod is None and any(_rank(lod_of(part[0].geometry)) > level for part in parts):
+                continue
+            if same and _covers(boxes.of(same), boxes.of(found)):
+                n_wholes += 1
+                continue
+            n_beside += bool(same)
+            kept += found
+        self._counts += n_repeats, n_wholes, n_beside, n_twice
+        return kept
+
+    def _listed_once(
+        self, boxes: "_Boxes", alone: dict[_Key, list[ChosenGeometry]]
+    ) -> dict[_Key, list[ChosenGeometry]]:
+        """The objects without those that an earlier line lists at the same place, under the same id."""
+        kept = dict[_Key, list[ChosenGeometry]]()
+        for (k, name), found in alone.items():
+            earlier = self._first.setdefault(name, found)
+            a, b = (None, None) if earlier is found else (self._box_of(earlier, name, boxes), boxes.of(found))
+            if a is None or b is None or not _same_place(a, b):
+                kept[k, name] = found
+        return kept
+
+    def _box_of(self, earlier: Place | list[ChosenGeometry], name: str, boxes: "_Boxes") -> "_Box | None":
+        """The box of the geometries of the first object of a name."""
+        if isinstance(earlier, list):
+            return boxes.of(earlier)
+        assert self._again is not None
+        document = self._again(earlier)
+        boxes = _Boxes(document)
+        return boxes.of(_distinct(boxes, self._of_one_level(list(_surfaces(document, document.parts[0], name)))))
 
 
 def _polygon_count(nested: Any, depth: int) -> int:
@@ -101,46 +197,6 @@ def _polygon_count(nested: Any, depth: int) -> int:
     if not isinstance(nested, list):
         return 0
     return len(nested) if depth == 0 else sum(_polygon_count(each, depth - 1) for each in nested)
-
-
-_Key = tuple[int, str]
-"""The index of a part of the document, and the id of an object."""
-
-
-def _without_repeats(
-    document: CityDocument, shapes: dict[_Key, list[ChosenGeometry]], levels: list[str], replaced: bool
-) -> ChosenGeometries:
-    """The geometries without those that others repeat.
-
-    shapes : those of each object, of one level
-    replaced : whether parts replace an object of a lower level
-    """
-    boxes = _Boxes(document)
-    alone = {key: _distinct(boxes, found) for key, found in shapes.items()}
-    n_repeats = sum(len(found) - len(alone[key]) for key, found in shapes.items())
-    listed = _listed_once(boxes, alone)
-    n_twice, alone = len(alone) - len(listed), listed
-    parts_of = [_parts_of(part) for part in document.parts]
-    kept, n_wholes, n_beside = list[ChosenGeometry](), 0, 0
-    for (k, name), found in alone.items():
-        parts = [alone[k, child] for child in parts_of[k][name] if (k, child) in alone]
-        level = _rank(lod_of(found[0].geometry))
-        same = [c for part in parts for c in part if _rank(lod_of(c.geometry)) == level]
-        if replaced and any(_rank(lod_of(part[0].geometry)) > level for part in parts):
-            continue
-        if same and _covers(boxes.of(same), boxes.of(found)):
-            n_wholes += 1
-            continue
-        n_beside += bool(same)
-        kept += found
-    others = f"; choose another level of {', '.join(levels)} with lod" if len(levels) > 1 else ""
-    notes = [
-        (n_repeats, f"geometries left out that repeat another one of their object (a Solid is preferred){others}"),
-        (n_wholes, f"geometries left out, of objects whose parts repeat them{others}"),
-        (n_beside, "objects with a geometry beside those of their parts; all are read, so areas may count twice"),
-        (n_twice, "objects left out that an earlier line has at the same place"),
-    ]
-    return ChosenGeometries(kept, levels, [f"{document.file}: {text}: {count}" for count, text in notes if count])
 
 
 def _distinct(boxes: "_Boxes", found: list[ChosenGeometry]) -> list[ChosenGeometry]:
@@ -157,17 +213,6 @@ def _distinct(boxes: "_Boxes", found: list[ChosenGeometry]) -> list[ChosenGeomet
             kept.append(each)
             places[n_places], n_places = box, n_places + 1
     return sorted(kept, key=lambda c: c.place)
-
-
-def _listed_once(boxes: "_Boxes", alone: dict[_Key, list[ChosenGeometry]]) -> dict[_Key, list[ChosenGeometry]]:
-    """The objects without those that an earlier line lists at the same place, under the same id."""
-    first, kept = dict[str, list[ChosenGeometry]](), dict[_Key, list[ChosenGeometry]]()
-    for (k, name), found in alone.items():
-        earlier = first.setdefault(name, found)
-        a, b = (None, None) if earlier is found else (boxes.of(earlier), boxes.of(found))
-        if a is None or b is None or not _same_place(a, b):
-            kept[k, name] = found
-    return kept
 
 
 # --- Boxes ------------------------------------------------------------------------------------------------------------
@@ -259,7 +304,9 @@ def _surfaces(document: CityDocument, part: CityPart, name: str) -> Iterator[Cho
         if shape.get("type") == INSTANCE:
             number, instance = shape.get("template"), shape
             if not isinstance(number, int) or not 0 <= number < len(document.templates):
-                raise InputError(f"{where}.template is {number!r}; there are {len(document.templates)} templates")
+                raise InputError(
+                    f"{where}.template is {number!r}; there are {counted(len(document.templates), 'template')}"
+                )
             shape = document.templates[number]
         if isinstance(shape, dict) and str(shape.get("type")) in DEPTHS:
             yield ChosenGeometry(part, name, index, shape, instance)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ...base.errors import InputError
 from ...base.extras import import_extra
+from ...base.wording import counted
 from ...formats.json_fields import Fields
 from ...kernels.small_matrices import determinant, product
 from ...scene.scene_data import SemanticSurface
@@ -353,7 +354,7 @@ class _Collector:
         bad = np.flatnonzero((corners < 0) | (corners >= limit[owner]))
         if len(bad):
             k = owner[bad[0]]
-            raise self._bad(k, f"uses vertex {corners[bad[0]]}, but there are {limit[k]} vertices")
+            raise self._bad(k, f"uses vertex {corners[bad[0]]}, but there are {counted(limit[k], 'vertex')}")
         vertices, rings = np.concatenate(self._blocks), Rings(corners + base[owner], sizes, rings_in)
         self._check_distinct(vertices, rings, owner)
         return Polygons(
@@ -379,7 +380,7 @@ class _Collector:
             passed = 1 + int((points[1:] != points[:-1]).any(1).sum())
             distinct = len(np.unique(points, axis=0))
             if passed > _MANY_CORNERS and distinct < _DISTINCT * passed:
-                raise self._bad(k, f"has a polygon that passes {distinct:,} points {passed:,} times")
+                raise self._bad(k, f"has a polygon that passes {counted(distinct, 'point')} {counted(passed, 'time')}")
 
     def _corner_arrays(self) -> tuple[np.ndarray, np.ndarray]:
         """(number of corners of each ring, vertices of all rings), (r,) and (c,) int64."""

@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,24 +65,89 @@ def lines_of(path: Path) -> list[bytes]:
 
 def open_cityjson(path: Path) -> CityDocument:
     """Read a .json or .jsonl file. Raises InputError if it is not CityJSON or its version is unsupported."""
-    file, (first, *others) = path.name, lines_of(path)
-    head = parse(first, file)
-    _check_head(head, path)
-    transform = _transform(head)
-    parts = [_part(head, transform)]
-    for number, line in enumerate(others, 2):
-        feature = parse(line, f"{file}, line {number}")
+    first, *others = lines_of(path)
+    head = CityHead(first, path)
+    parts = [head.part, *(head.feature(line, number) for number, line in enumerate(others, 2))]
+    return head.document._replace(parts=parts)
+
+
+class CityHead:
+    """The first text of a file: what all its parts share, and its own part.
+
+    document : without parts
+    """
+
+    def __init__(self, text: bytes, path: Path):
+        head = parse(text, path.name)
+        _check_head(head, path)
+        self._file, self._transform = path.name, _transform(head)
+        self.part = _part(head, self._transform)
+        templates = head.object("geometry-templates")
+        shapes: list[dict[str, Any]] = []
+        corners = np.empty((0, 3))
+        if templates is not None:
+            shapes = templates.raw("templates", list, "a list of geometries")
+            corners = _vertices(templates, "vertices-templates")
+        crs, notes = _crs(head)
+        self.document = CityDocument(path.name, crs, [], shapes, corners, notes)
+
+    def feature(self, text: bytes, number: int) -> CityPart:
+        """The part of a line; `number`: of the line, from 1."""
+        feature = parse(text, f"{self._file}, line {number}")
         if feature.text("type") != "CityJSONFeature":
             raise feature.bad("type", '"CityJSONFeature"')
-        parts.append(_part(feature, transform))
-    templates = head.object("geometry-templates")
-    shapes: list[dict[str, Any]] = []
-    corners = np.empty((0, 3))
-    if templates is not None:
-        shapes = templates.raw("templates", list, "a list of geometries")
-        corners = _vertices(templates, "vertices-templates")
-    crs, notes = _crs(head)
-    return CityDocument(file, crs, parts, shapes, corners, notes)
+        return _part(feature, self._transform)
+
+
+# --- Files of lines, a few of them at a time --------------------------------------------------------------------------
+
+
+_TEXT = 1 << 21  # bytes of lines that are parsed at once, at least
+Place: TypeAlias = int
+"""Where a line begins: its first byte in the file."""
+
+
+class CityLines:
+    """A .jsonl file, whose lines are never in memory all at once."""
+
+    def __init__(self, path: Path):
+        self._path = path
+        first = next(self._texts(), None)
+        if first is None:
+            raise InputError(f"{path.name}: the file is empty; export or copy it again")
+        self.head, self._first = CityHead(first[1], path), first[0]
+
+    def documents(self) -> Iterator[tuple[CityDocument, list[Place]]]:
+        """Yield some of the lines as documents, with the places of their parts."""
+        parts, places, size = list[CityPart](), list[Place](), 0
+        for number, (place, text) in enumerate(self._texts(), 1):
+            parts.append(self.head.part if number == 1 else self.head.feature(text, number))
+            places.append(place)
+            size += len(text)
+            if size >= _TEXT:
+                yield self.head.document._replace(parts=parts), places
+                parts, places, size = [], [], 0
+        if parts:
+            yield self.head.document._replace(parts=parts), places
+
+    def document_at(self, place: Place) -> CityDocument:
+        """The document of one line."""
+        if place == self._first:
+            return self.head.document._replace(parts=[self.head.part])
+        with self._path.open("rb") as stream:
+            stream.seek(place)
+            text = stream.readline().splitlines()[0]
+        return self.head.document._replace(parts=[self.head.feature(text, 0)])
+
+    def _texts(self) -> Iterator[tuple[Place, bytes]]:
+        """Yield the lines that are not blank. A carriage return ends a line, too."""
+        start = 0
+        with self._path.open("rb") as stream:
+            for text in stream:
+                for line in text.splitlines(keepends=True):
+                    if line.strip():
+                        yield start, line
+                    start += len(line)
 
 
 def _check_head(head: Fields, path: Path) -> None:

@@ -7,51 +7,53 @@ from typing import NamedTuple
 import numpy as np
 
 from ...base.errors import InputError
+from ...base.wording import counted
 from ...scene.crs import in_one_unit, parts_of_crs
 from ...scene.materials import srgb_to_linear
 from ...scene.mesh import Mesh, MeshInfo, ObjectInfo, Piece, StaticMeshes, make_mesh
 from ...scene.scene_data import CityModel, SemanticSurface
-from .city_geometries import chosen_geometries
+from .city_geometries import GeometryChoice, chosen_geometries
 from .city_polygons import Polygons, Triangulation, polygons_of, triangulate
-from .cityjson_file import CityDocument, many_lists, open_cityjson
-from .repeated_faces import repeated_faces_notes
+from .cityjson_file import CityDocument, CityLines, many_lists, open_cityjson
+from .repeated_faces import StreamedRepeats, repeated_faces_notes, repeats_notes
+from .staged_mesh import StagedMesh
 
-# --- Pale colours of semantic surfaces and city objects ---------------------------------------------------------------
+# --- Colours of semantic surfaces and city objects --------------------------------------------------------------------
 
 
 SURFACES = {
-    "RoofSurface": "#d9a08b",
-    "WallSurface": "#ece3d4",
+    "RoofSurface": "#b8684e",
+    "WallSurface": "#e2d6c0",
     "GroundSurface": "#c9c2b6",
     "ClosureSurface": "#dcd8d0",
     "OuterCeilingSurface": "#d5cdc0",
     "OuterFloorSurface": "#cfc7ba",
-    "Window": "#a9c3d4",
-    "Door": "#b99f86",
-    "WaterSurface": "#a3c4dc",
+    "Window": "#7795a8",
+    "Door": "#8f6f52",
+    "WaterSurface": "#7fabc9",
     "WaterGroundSurface": "#b9b3a2",
     "WaterClosureSurface": "#b6cfdf",
-    "TrafficArea": "#b8b8bb",
-    "AuxiliaryTrafficArea": "#c6c9b4",
+    "TrafficArea": "#8e8e91",
+    "AuxiliaryTrafficArea": "#b3b0a4",
     "TransportationMarking": "#e6e6e6",
     "TransportationHole": "#8f8f92",
 }
 """Type of a semantic surface -> sRGB."""
 
 OBJECTS = {
-    "Building": "#ece3d4",
+    "Building": "#e2d6c0",
     "Bridge": "#cfcac4",
     "Tunnel": "#bdb8b2",
     "OtherConstruction": "#d6cfc6",
-    "Road": "#b8b8bb",
+    "Road": "#8e8e91",
     "Railway": "#b5aaa0",
-    "Waterway": "#a3c4dc",
+    "Waterway": "#7fabc9",
     "TransportSquare": "#c4c1bd",
     "TransportationSquare": "#c4c1bd",
-    "WaterBody": "#a3c4dc",
-    "LandUse": "#d3d8bb",
-    "PlantCover": "#b4cc9b",
-    "SolitaryVegetationObject": "#9fbf86",
+    "WaterBody": "#7fabc9",
+    "LandUse": "#b9bf93",
+    "PlantCover": "#8aa65f",
+    "SolitaryVegetationObject": "#5f8445",
     "TINRelief": "#d6cfb6",
     "CityFurniture": "#c7b7a6",
 }
@@ -127,19 +129,63 @@ def read_cityjson(path: Path, lod: str | None = None, crs: str | None = None) ->
         polygons = polygons_of(document, choice.geometries)
     polygons, converted = _in_one_unit(polygons, document, crs or document.crs)
     cut = triangulate(polygons.vertices, polygons.rings)
-    faces = np.where(polygons.mirrored[cut.polygon, None], cut.faces[:, ::-1], cut.faces)
     surface = polygons.surface[cut.polygon]
     used, surface, owner = _drop_unused(polygons, surface)
     ids, types, parents = ([of[k] for k in used.objects] for of in (polygons.objects, polygons.types, polygons.parents))
     attributes = [polygons.attributes[k] for k in used.objects]
-    colours = colours_of([s.type for s in used.surfaces], [types[s.object] for s in used.surfaces])
-    if not len(faces):
-        raise InputError(f"{document.file}: no object has a surface with an area; take a file with such geometry")
-    mesh = make_mesh(document.file, polygons.vertices, faces, colours[surface], document.file)
+    if not len(cut.faces):
+        raise _nothing_in(document.file)
+    mesh = _mesh_of(polygons, cut, used, surface, document.file)
     city = CityModel(document.crs, ids, owner, surface, used.surfaces, types, parents, choice.levels, attributes)
-    notes = document.notes + choice.notes + converted + _notes(document.file, cut)
+    notes = document.notes + choice.notes + converted + _notes(document.file, cut.flat, cut.crossed)
     notes += repeated_faces_notes(mesh, document.file)
     return CityFile(CityMeshes(mesh, document.file, city), notes, city)
+
+
+class StreamedCityFile(NamedTuple):
+    """The result of `stream_cityjson`."""
+
+    source: StagedMesh
+    notes: list[str]
+    crs: str | None  # of the file
+
+
+def stream_cityjson(path: Path, lod: str | None = None, crs: str | None = None) -> StreamedCityFile:
+    """Read a .jsonl file as `read_cityjson`, a few lines at a time, into a scratch file of faces and colours."""
+    lines, scratch = CityLines(path), StagedMesh(path.name)
+    file, choice = path.name, GeometryChoice(path.name, lod, lines.document_at)
+    repeats, converted, flat, crossed = StreamedRepeats(scratch.folder), list[str](), 0, 0
+    for document, places in lines.documents():
+        with many_lists():
+            polygons = polygons_of(document, choice.of(document, places))
+        polygons, converted = _in_one_unit(polygons, document, crs or document.crs)
+        cut = triangulate(polygons.vertices, polygons.rings)
+        flat, crossed = flat + cut.flat, crossed + cut.crossed
+        if len(cut.faces):
+            used, surface, owner = _drop_unused(polygons, polygons.surface[cut.polygon])
+            names, types, parents = polygons.objects, polygons.types, polygons.parents
+            mesh = _mesh_of(polygons, cut, used, surface, file)
+            repeats.add(mesh)
+            scratch.add(mesh, owner, [ObjectInfo(names[k], 0, 0, types[k], parents[k]) for k in used.objects])
+    _, notes = choice.end()
+    scratch.end()
+    if not scratch.meshes[0].triangles:
+        raise _nothing_in(file)
+    notes = lines.head.document.notes + notes + converted + _notes(file, flat, crossed)
+    notes += repeats_notes(repeats.count(lambda: scratch.pieces(0.0)), file)
+    return StreamedCityFile(scratch, notes, lines.head.document.crs)
+
+
+def _nothing_in(file: str) -> InputError:
+    return InputError(f"{file}: no object has a surface with an area; take a file with such geometry")
+
+
+def _mesh_of(polygons: Polygons, cut: Triangulation, used: "_UsedParts", surface: np.ndarray, file: str) -> Mesh:
+    """The coloured triangles of polygons; `surface`: that of each triangle."""
+    faces = np.where(polygons.mirrored[cut.polygon, None], cut.faces[:, ::-1], cut.faces)
+    types = [polygons.types[k] for k in used.objects]
+    colours = colours_of([s.type for s in used.surfaces], [types[s.object] for s in used.surfaces])
+    return make_mesh(file, polygons.vertices, faces, colours[surface], file)
 
 
 def _in_one_unit(polygons: Polygons, document: CityDocument, crs: str | None) -> tuple[Polygons, list[str]]:
@@ -170,10 +216,12 @@ def _drop_unused(polygons: Polygons, surface: np.ndarray) -> tuple[_UsedParts, n
     return used, surface.astype(np.int32), owner[surface].astype(np.int32)
 
 
-def _notes(file: str, cut: Triangulation) -> list[str]:
+def _notes(file: str, flat: int, crossed: int) -> list[str]:
     notes = []
-    if cut.flat:
-        notes.append(f"{file}: {cut.flat} polygons without area are left out")
-    if cut.crossed:
-        notes.append(f"{file}: {cut.crossed} polygons have rings that cross; their triangles cover another area")
+    if flat:
+        notes.append(f"{file}: left out {counted(flat, 'polygon')} without area")
+    if crossed:
+        notes.append(
+            f"{file}: {counted(crossed, 'polygon', 'have')} rings that cross; their triangles cover another area"
+        )
     return notes

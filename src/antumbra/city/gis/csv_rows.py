@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from ...base.errors import InputError
+from ...base.wording import counted
 
 
 def check_header(names: Sequence[str], file: str) -> None:
@@ -16,6 +17,6 @@ def check_fields(count: int, expected: int, line: int, file: str) -> None:
     """Raise an InputError if a line has more fields than the header, as lines with decimal commas have."""
     if count > expected:
         raise InputError(
-            f"{file}, line {line}: has {count} fields, and the header {expected}; write decimal points, not commas, "
-            "and quote texts with commas"
+            f"{file}, line {line}: has {counted(count, 'field')}, and the header {expected}; write decimal points, not "
+            "commas, and quote texts with commas"
         )

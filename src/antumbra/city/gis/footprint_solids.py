@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.errors import InputError
+from ...base.wording import counted
 from ...scene.mesh import Mesh, MeshInfo, ObjectInfo, Piece, make_mesh
 from ...scene.scene_data import CityModel, SemanticSurface
 from ...scene.terrain import TERRAIN_TYPE, HeightGrid, TerrainSurfaces, terrain_blocks
@@ -42,7 +43,7 @@ def on_terrain(footprints: Footprints, terrain: HeightGrid, invalid: str) -> Foo
             f"{file}: footprint {name!r}{more} lies off the heights of {terrain.name}; take a larger raster, or leave "
             "such footprints out: invalid='skip', or FILE?invalid=skip"
         )
-    note = f"{file}: {len(off)} footprints off the heights of the terrain are left out; the first one is {name!r}"
+    note = f"{file}: left out {counted(len(off), 'footprint')} off the heights of the terrain; the first is {name!r}"
     return _chosen(footprints._replace(bases=lowest, notes=[*footprints.notes, note]), ~np.isnan(lowest))
 
 

@@ -14,6 +14,7 @@ from ...base.checks import choice, path_of, quoted
 from ...base.errors import InputError
 from ...base.extras import import_extra
 from ...base.files import checked_file
+from ...base.wording import counted
 from ...formats.foreign_formats import cure_of
 from ...scene.crs import check_horizontal_crs, checked_crs, in_one_unit, unit_of_crs
 from ...scene.units import LengthUnit
@@ -117,7 +118,7 @@ def read_footprints(table: FootprintsLike, options: FootprintOptions) -> Footpri
     if isinstance(height, str) and counts_storeys(height):
         notes = [f"{file}: each storey of the column {height!r} is taken to be {STOREY:g} m high"]
     if len(bad):
-        notes += [f"{file}: {len(bad)} footprints are left out; the first one, {ids[bad[0]]!r}, {faults[bad[0]]}"]
+        notes += [f"{file}: left out {counted(len(bad), 'footprint')}; the first, {ids[bad[0]]!r}, {faults[bad[0]]}"]
     attributes = {name: _values(column)[good] for name, column in columns.items()}
     crs = None if frame.crs is None else in_one_unit(checked_crs(frame.crs))[0]  # heights are in the unit of the plan
     rings = _rings_of(shapes[good])
@@ -204,7 +205,7 @@ def _faults(shapes: NDArray[Any], heights: NDArray[np.float64], bases: NDArray[n
 
 
 def _message(file: str, ids: list[str], faults: np.ndarray, bad: np.ndarray) -> str:
-    more = f" (and {len(bad) - 1} more footprints have faults)" if len(bad) > 1 else ""
+    more = f" (and {counted(len(bad) - 1, 'more footprint', 'have')} faults)" if len(bad) > 1 else ""
     cure = "repair it, or leave such footprints out: invalid='skip', or FILE?invalid=skip"
     return f"{file}: footprint {ids[bad[0]]!r} {faults[bad[0]]}{more}; {cure}"
 

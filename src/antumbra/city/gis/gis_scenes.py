@@ -24,6 +24,7 @@ def from_raster(
     band: int | None = None,
     crs: str | None = None,
     unit: str | None = None,
+    clip: tuple[float, float, float, float] | None = None,
     name: str | None = None,
     max_memory: int | None = None,
 ) -> Scene:
@@ -36,7 +37,8 @@ def from_raster(
     Parameters
     ----------
     raster : str, path-like, DataArray, tuple, or list of these
-        - A GeoTIFF, an ASCII grid (.asc), or a virtual raster (.vrt) of these in its folder.
+        - A GeoTIFF, an ASCII grid (.asc), or a virtual raster (.vrt) of these in its folder. The name of a GeoTIFF may
+          be a URL, of https, s3, gs or az, whose file is read by window.
         - A DataArray of xarray or rioxarray, with coordinates for its two dimensions, in either order: x and y, easting
           and northing, longitude and latitude, or any names with the axis or standard name of the CF conventions.
         - (array, transform) or (array, transform, crs): heights (rows, columns), where NaN and masked cells have no
@@ -61,6 +63,9 @@ def from_raster(
     unit : str, optional
         Length unit of the coordinates: "mm", "cm", "dm", "m", "km", "in", "ft" or "us-ft". None: that of the CRS, or
         metres. See `Scene.unit`.
+    clip : (4,) float, optional
+        West, south, east and north of the part that is read. The surface covers it; what lies beyond casts no shadow.
+        None: all cells.
     name : str, optional
         Name of the scene. None: that of the file or array.
     max_memory : int, optional
@@ -90,7 +95,8 @@ def from_raster(
     raster takes about 60 bytes per triangle, besides the trees of queries; `build_store` streams larger ones.
     """
     system = None if crs is None else checked_crs(crs)
-    options = HeightOptions(band, nodata, z_scale, values_at, system, None if unit is None else checked_unit(unit))
+    length = None if unit is None else checked_unit(unit)
+    options = HeightOptions(band, nodata, z_scale, values_at, system, length, clip)
     with reading_limit(max_memory):
         data = terrain_data(raster, options, ground, name)
     return _scene(data)

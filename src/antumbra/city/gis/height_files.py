@@ -16,7 +16,7 @@ from ...base.extras import import_extra
 from ...base.memory import check_reading
 from ...formats.reprojection import WARP, projected_crs, warp_command
 from ...scene.crs import checked_crs, in_one_unit, parts_of_crs, unit_of_crs
-from ...scene.terrain import GridPoints, HeightGrid
+from ...scene.terrain import GridPoints, HeightGrid, HeightsByRow
 from ...scene.units import METRE, LengthUnit, unit_named
 from .raster_files import RasterFile
 
@@ -37,6 +37,38 @@ class HeightOptions(NamedTuple):
     values_at: str = "centres"  # or "corners"
     crs: str | None = None  # instead of that of the raster
     unit: LengthUnit | None = None  # of the coordinates, if no CRS names it
+    clip: tuple[float, float, float, float] | None = None  # west, south, east and north of the part that is read
+
+
+class GridPart(NamedTuple):
+    """The points of a raster that are read, those around a clip."""
+
+    grid: GridPoints
+    rows: slice  # of the raster, from north to south
+    columns: slice
+
+
+def part_of(grid: GridPoints, clip: tuple[float, float, float, float] | None, where: str) -> GridPart:
+    """The points whose surface covers a clip, as far as the raster goes; None: all points.
+
+    Raises
+    ------
+    InputError
+        If fewer than 2 x 2 points remain.
+    """
+    rows, columns = slice(0, grid.rows), slice(0, grid.columns)
+    if clip is not None:
+        low, high = grid.cells_of(np.array([[clip[0], clip[3]], [clip[2], clip[1]]]))
+        (left, top), (right, bottom) = np.maximum(np.floor(low), 0.0), np.ceil(high) + 1.0
+        columns, rows = slice(int(left), min(int(right), grid.columns)), slice(int(top), min(int(bottom), grid.rows))
+    size = rows.stop - rows.start, columns.stop - columns.start
+    if clip is not None and min(size) < 2:
+        east, south = grid.eastings(grid.columns - 1)[0], grid.northings(grid.rows - 1)[0]
+        extent = ",".join(f"{each:.10g}" for each in (grid.west, south, east, grid.north))
+        raise InputError(f"{where}: clip lies beside its cells, which extend over {extent}; give W,S,E,N in its CRS")
+    west = float(grid.eastings(columns.start, columns.start + 1)[0])
+    north = float(grid.northings(rows.start, rows.start + 1)[0])
+    return GridPart(grid._replace(west=west, north=north, rows=size[0], columns=size[1]), rows, columns)
 
 
 def grid_of(place: Any, rows: int, columns: int, values_at: str, where: str) -> tuple[GridPoints, bool]:
@@ -45,7 +77,7 @@ def grid_of(place: Any, rows: int, columns: int, values_at: str, where: str) -> 
     Raises
     ------
     InputError
-        If the raster is rotated, has no extent, or is too small or too large.
+        If the raster is rotated, has no extent, or is too small.
     """
     a, b, west, d, e, north = (float(each) for each in tuple(place)[:6])
     if not np.isfinite([a, b, west, d, e, north]).all() or max(abs(b), abs(d)) > _SQUARE_TURN * abs(a) or not a > 0.0:
@@ -54,11 +86,16 @@ def grid_of(place: Any, rows: int, columns: int, values_at: str, where: str) -> 
         raise InputError(f"{where}: its cells have no height; give them a georeference: gdal_edit.py -a_ullr ...")
     if rows < 2 or columns < 2:
         raise InputError(f"{where}: has {columns} x {rows} cells; a surface needs at least 2 x 2")
-    if rows * columns > _MOST_CELLS:
-        raise InputError(f"{where}: has {rows * columns:.2g} cells, more than {_MOST_CELLS:.2g}; cut it")
     shift = 0.5 if values_at == "centres" else 0.0
     first = north + e * shift if e < 0.0 else north + e * (rows - 1 + shift)
     return GridPoints(west + a * shift, first, a, abs(e), rows, columns), e > 0.0
+
+
+def check_cells(grid: GridPoints, where: str) -> None:
+    """Raise an InputError if triangles of a grid cannot be numbered in int32."""
+    if grid.rows * grid.columns > _MOST_CELLS:
+        cells = f"has {grid.rows * grid.columns:.2g} cells, more than {_MOST_CELLS:.2g}"
+        raise InputError(f"{where}: {cells}; read a part: clip=(W, S, E, N), or FILE?clip=W,S,E,N")
 
 
 def crs_of(crs: Any) -> Any:
@@ -116,45 +153,57 @@ def _unknown(what: str, plan: LengthUnit) -> str:
     return f"{what} unknown; they are taken in {plan.name}, the unit of the plan; if that is wrong, pass z_scale"
 
 
-class HeightFile:
+class HeightFile(HeightsByRow):
     """Heights in a file, read row by row.
 
     name : of the file, without suffix
     grid : the points of the heights
     crs : str, or None if the file has none
+    unit : that of the coordinates, if it was given
     """
 
     def __init__(self, path: Path, options: HeightOptions):
-        self.path, self.name, self._nodata = path, path.stem, options.nodata
+        self.path, self.name, self.unit, self._nodata = path, path.stem, options.unit, options.nodata
         self._file = RasterFile(path)
         with self._file.open() as file:
             self._band = _band_of(file, options.band, path.name)
             system = file.crs if options.crs is None else crs_of(options.crs)
             if file.crs is None and file.transform.is_identity:
                 raise InputError(f"{path.name}: has no georeference; write one: gdal_translate -a_ullr, -a_srs")
-            self.grid, self._south_up = grid_of(file.transform, file.height, file.width, options.values_at, path.name)
-            check_projected(system, path.name, self.grid)
+            whole, self._south_up = grid_of(file.transform, file.height, file.width, options.values_at, path.name)
+            check_projected(system, path.name, whole)
+            self.grid, self._part_rows, self._columns = part_of(whole, options.clip, path.name)
+            self._rows = whole.rows
             k = self._band - 1
             scale, self.crs, self._unit_notes = height_scale(file.units[k], system, options, path.name)
             self._scale, self._offset = file.scales[k] * scale, file.offsets[k] * scale
             plain = (self._scale, self._offset) == (1.0, 0.0) and file.dtypes[k] in _EXACT
             self.dtype = np.dtype(np.float32 if plain else np.float64)
+            self._is_masked = _is_masked(file, k)
             self._cell_bytes = 2 * self.dtype.itemsize + np.dtype(file.dtypes[k]).itemsize + _MASK_BYTES
-        self._last_band: tuple[int, NDArray[Any]] | None = None  # the last one that was read, and its number
+        self._bands: dict[int, NDArray[Any]] = {}  # the last ones that were read, by number
         self._lowest = np.inf  # height read so far
 
     def rows(self, first: int, last: int) -> NDArray[Any]:
-        """Heights of some rows, (last - first, columns) `dtype`; NaN: no data."""
+        """Heights of some rows, (last - first, columns) `dtype`, perhaps read-only; NaN: no data."""
+        first, last = first + self._part_rows.start, last + self._part_rows.start
         if self._south_up:
-            first, last = self.grid.rows - last, self.grid.rows - first
+            first, last = self._rows - last, self._rows - first
         size = self._cell_bytes * float(self.grid.columns) * (last - first)
         where = f"{self.path.name}: a raster of {self.grid.columns} x {self.grid.rows} cells"
         check_reading(size, where, self._file.stored)
-        heights, at = np.empty((last - first, self.grid.columns), self.dtype), first
+        at = first
         with self._file.open() as file:
+            part = self._band_rows(file, first // _BAND)
+            if first % _BAND == 0 and len(part) == last - first:
+                return part[::-1] if self._south_up else part
+            heights = np.empty((last - first, self.grid.columns), self.dtype)
             while at < last:
                 band = at // _BAND
                 part = self._band_rows(file, band)[at - band * _BAND :][: last - at]
+                if len(part) == len(heights):
+                    heights = part
+                    break
                 heights[at - first : at - first + len(part)] = part
                 at += len(part)
         return heights[::-1] if self._south_up else heights
@@ -163,21 +212,25 @@ class HeightFile:
         """The heights of `_BAND` rows of the file.
 
         A virtual raster that averages its sources gives other values for other windows, so windows never depend on the
-        rows that a caller wants; the last one is kept, since blocks of terrain share a row.
+        rows that a caller wants; the last two are kept, since blocks of terrain share a row.
         """
         from rasterio.windows import Window
 
-        if self._last_band is None or self._last_band[0] != band:
-            window = Window(0, band * _BAND, self.grid.columns, min(_BAND, self.grid.rows - band * _BAND))
-            values = file.read(self._band, window=window, masked=True)
-            heights = heights_of(values, self._nodata, self._scale, self._offset, self.dtype)
-            self._lowest = min(self._lowest, _range_of(heights, self.path.name)[0])
-            self._last_band = band, heights
-        return self._last_band[1]
+        if band not in self._bands:
+            first, last = band * _BAND, min(band * _BAND + _BAND, self._rows)
+            read = slice(0, file.width) if self._file.is_virtual else self._columns
+            window = Window(read.start, first, read.stop - read.start, last - first)
+            values = file.read(self._band, window=window, masked=self._is_masked)
+            values = values[:, self._columns] if self._file.is_virtual else values
+            heights = heights_of(values, self._nodata, self._scale, self._offset, self.dtype, copy=False)
+            self._lowest = min(self._lowest, range_of(heights, self.path.name)[0])
+            heights.flags.writeable = False
+            self._bands = {**dict(list(self._bands.items())[-1:]), band: heights}
+        return self._bands[band]
 
     def notes(self) -> list[str]:
         """Notes about the unit of the heights, and about the rows that have been read so far."""
-        return [*self._unit_notes, *_notes_of(self._lowest, self.path.name)]
+        return [*self._unit_notes, *notes_of(self._lowest, self.path.name)]
 
 
 def _band_of(file: Any, band: int | None, where: str) -> int:
@@ -191,47 +244,68 @@ def _band_of(file: Any, band: int | None, where: str) -> int:
     return band
 
 
+def _is_masked(file: Any, k: int) -> bool:
+    """Whether cells of a band may be missing without being NaN."""
+    flags = {flag.name for flag in file.mask_flag_enums[k]}
+    mark = file.nodatavals[k]
+    return not ("all_valid" in flags or (flags == {"nodata"} and mark is not None and np.isnan(mark)))
+
+
 def heights_of(
     values: "np.ma.MaskedArray[Any, Any] | NDArray[Any]", nodata: float | None, scale: float, offset: float,
-    dtype: np.dtype[Any],
+    dtype: np.dtype[Any], copy: bool = True,
 ) -> NDArray[Any]:  # fmt: skip
-    """Numbers as heights: times a scale plus an offset, in a type; NaN where they are masked or equal `nodata`."""
+    """Numbers as heights: times a scale plus an offset, in a type; NaN where they are masked or equal `nodata`.
+
+    copy : False: the numbers may be overwritten
+    """
     data = np.ma.getdata(values)
-    holes = np.ma.getmaskarray(values)
+    holes = np.ma.getmask(values)
     if nodata is not None:
         holes = holes | (data == nodata)
-    heights = data.astype(dtype)
+    heights = data.astype(dtype, copy=copy)
     if (scale, offset) != (1.0, 0.0):
         heights = heights * scale + offset
-    heights[holes] = np.nan
+    if holes is not np.ma.nomask:
+        heights[holes] = np.nan
     return heights
 
 
 def read_heights(path: Path, options: HeightOptions) -> tuple[HeightGrid, list[str]]:
     """The heights of a file, and notes about them. Raises InputError if it cannot be read."""
     file = HeightFile(path, options)
-    heights = np.ascontiguousarray(file.rows(0, file.grid.rows))
+    check_cells(file.grid, path.name)
+    heights = np.require(file.rows(0, file.grid.rows), requirements=["C", "W"])
     grid, _ = checked_heights(HeightGrid(file.name, file.grid, file.crs, heights), path.name)
     return grid, file.notes()
 
 
 def checked_heights(grid: HeightGrid, where: str) -> tuple[HeightGrid, list[str]]:
     """Heights, and notes about them. Raises InputError if they are infinite, or all missing."""
-    lowest, highest = _range_of(grid.heights, where)
+    lowest, highest = range_of(grid.heights, where)
     if lowest > highest:
         raise InputError(f"{where}: no cell has a height; check nodata and the band")
-    return grid, _notes_of(lowest, where)
+    return grid, notes_of(lowest, where)
 
 
-def _range_of(heights: NDArray[Any], where: str) -> tuple[float, float]:
+def extremes(heights: NDArray[Any]) -> tuple[float, float]:
+    """The lowest and the highest of some heights; NaN if all are missing."""
+    lowest, highest = float(heights.min()), float(heights.max())
+    if np.isnan(lowest):  # four times slower
+        lowest, highest = float(np.fmin.reduce(heights, None)), float(np.fmax.reduce(heights, None))
+    return lowest, highest
+
+
+def range_of(heights: NDArray[Any], where: str) -> tuple[float, float]:
     """The lowest and the highest of some heights; inf and -inf if all are missing. InputError if any are infinite."""
-    lowest, highest = float(np.fmin.reduce(heights, None)), float(np.fmax.reduce(heights, None))
+    lowest, highest = extremes(heights)
     if np.isinf(lowest) or np.isinf(highest):
         raise InputError(f"{where}: has infinite heights; declare them as nodata: nodata=float('inf')")
     return (np.inf, -np.inf) if np.isnan(lowest) else (lowest, highest)
 
 
-def _notes_of(lowest: float, where: str) -> list[str]:
+def notes_of(lowest: float, where: str) -> list[str]:
+    """A note if the lowest height is a common mark of missing data."""
     if lowest in _NO_DATA:
         return [f"{where}: its lowest height is {lowest:g}; if that means no data, pass nodata={lowest:g}"]
     return []

@@ -15,16 +15,17 @@ from numpy.typing import NDArray
 from ...base.errors import InputError
 from ...base.files import check_disk_space
 from ...base.progress import ProgressCallback
-from ...scene.scene_bounds import check_extent, flush_to_zero, frame_origin
+from ...scene.scene_bounds import NEAREST, check_extent, flush_to_zero, frame_origin
 from ...scene.scene_data import MemoryData
 from ...scene.terrain import HeightGrid, TerrainSurfaces
-from ...trace.terrain.terrain_views import Ground, ground_of
-from .height_files import HeightFile
+from ...trace.terrain.terrain_views import Ground, KnownHeights, ground_of
+from .height_files import HeightFile, extremes
 
 _BAND = 256  # rows at a time
 _CACHED = 8  # rows converted at a time
 _AROUND = 4  # cells on each side of a place, in its window
 _TRIES = 64
+_FAR = 2.0**-50  # the next float64 to one of this size is more than NEAREST away
 
 
 class HeightGround(NamedTuple):
@@ -55,7 +56,13 @@ class HeightGround(NamedTuple):
         heights = self.heights(rows, rows + size[0])[:, west : west + size[1]]
         surface = HeightGrid(self.file.name, part, self.file.crs, np.ascontiguousarray(heights))
         try:
-            data = MemoryData(TerrainSurfaces([surface], self.file.name), name=self.file.name, up="z", crs=surface.crs)
+            data = MemoryData(
+                TerrainSurfaces([surface], self.file.name),
+                name=self.file.name,
+                up="z",
+                crs=surface.crs,
+                unit=self.file.unit,
+            )
         except InputError:
             at = ",".join(f"{each:.10g}" for each in plan)
             raise InputError(f"{self.file.path.name}: has no surface around {at}; move the observer") from None
@@ -66,9 +73,11 @@ class HeightGround(NamedTuple):
 
 def plane_of(file: HeightFile) -> MemoryData:
     """A horizontal surface in the place of a file, with its CRS."""
-    corners = file.grid._replace(rows=2, columns=2)
+    grid = file.grid
+    size = {"dx": (grid.columns - 1) * grid.dx, "dy": (grid.rows - 1) * grid.dy}
+    corners = grid._replace(rows=2, columns=2, **size)
     surface = HeightGrid(file.name, corners, file.crs, np.zeros((2, 2)))
-    return MemoryData(TerrainSurfaces([surface], file.name), name=file.name, up="z", crs=file.crs)
+    return MemoryData(TerrainSurfaces([surface], file.name), name=file.name, up="z", crs=file.crs, unit=file.unit)
 
 
 def _start(places: NDArray[np.float64], at: int) -> int:
@@ -106,14 +115,18 @@ def _filled(file: HeightFile, z: NDArray[np.float32], progress: ProgressCallback
     """The ground of a file, whose heights are written to z."""
     grid, single = file.grid, file.dtype == np.float32
     bands = [slice(first, min(first + _BAND, grid.rows)) for first in range(0, grid.rows, _BAND)]
+    whole, ends = np.zeros(grid.rows, bool), list[tuple[float, float]]()
     for k, band in enumerate(bands):
-        z[band] = file.rows(band.start, band.stop)
+        heights = z[band] = file.rows(band.start, band.stop)
+        ends.append((float(heights.min()), float(heights.max())))
+        whole[band] = not np.isnan(ends[-1][0])
         progress(k, 2 * len(bands))
-    counted = _remove_bare(z, bands)
-    low, high = np.inf, -np.inf
-    for band in bands:
-        heights = z[band] if single else np.where(np.isnan(z[band]), np.nan, file.rows(band.start, band.stop))
-        low, high = min(low, float(np.fmin.reduce(heights, None))), max(high, float(np.fmax.reduce(heights, None)))
+    counted, low, high = _remove_bare(z, bands, whole), np.inf, -np.inf
+    for (lowest, highest), band in zip(ends, bands):
+        if not whole[band].all():
+            heights = z[band] if single else np.where(np.isnan(z[band]), np.nan, file.rows(band.start, band.stop))
+            lowest, highest = extremes(heights)
+        low, high = min(low, lowest), max(high, highest)  # NaN changes neither
     if not counted.rows.any():
         raise InputError(f"{file.path.name}: no cell has a height; check nodata and the band")
     plan = [grid.eastings()[counted.columns], grid.northings()[counted.rows]]
@@ -123,13 +136,17 @@ def _filled(file: HeightFile, z: NDArray[np.float32], progress: ProgressCallback
     for k, band in enumerate(bands):
         heights = z[band] if single else np.where(np.isnan(z[band]), np.nan, file.rows(band.start, band.stop))
         for row in range(0, len(heights), _CACHED):
-            local = heights[row : row + _CACHED].astype(np.float64) - origin[2]
-            z[band][row : row + _CACHED] = flush_to_zero(local.astype(np.float32))
+            local = z[band][row : row + _CACHED]
+            np.subtract(heights[row : row + _CACHED], origin[2], out=local, dtype=np.float64, casting="same_kind")
+            if abs(origin[2]) < _FAR:  # from other origins, a height is 0 or far more away
+                local[np.abs(local) < NEAREST] = 0.0  # as `flush_to_zero`, in place
         progress(len(bands) + k, 2 * len(bands))
     x, y = (
         flush_to_zero((each - o).astype(np.float32)) for each, o in zip((grid.eastings(), grid.northings()), origin)
     )
-    return HeightGround(file, ground_of(x, y, z), bounds, origin)
+    reach = np.abs(flush_to_zero((bounds[:, 2] - origin[2]).astype(np.float32))).max()
+    known = KnownHeights(whole, float(reach))
+    return HeightGround(file, ground_of(x, y, z, known), bounds, origin)
 
 
 class _Counted(NamedTuple):
@@ -139,13 +156,16 @@ class _Counted(NamedTuple):
     columns: NDArray[np.bool_]
 
 
-def _remove_bare(z: NDArray[np.float32], bands: list[slice]) -> _Counted:
-    """Set heights to NaN that belong to no triangle."""
+def _remove_bare(z: NDArray[np.float32], bands: list[slice], whole: NDArray[np.bool_]) -> _Counted:
+    """Set heights to NaN that belong to no triangle.
+
+    whole : (rows,) those in bands without a missing height, and finally without a missing vertex
+    """
     counted = _Counted(np.ones(z.shape[0], bool), np.zeros(z.shape[1], bool))
     before = np.isfinite(z[:0])  # the last row of the band before, as it was
     for band in bands:
         after = ~np.isnan(z[band.stop : band.stop + 1])
-        if before.all() and after.all() and not np.isnan(z[band].min()):
+        if before.all() and after.all() and whole[band].all():
             before, counted.columns[:] = ~np.isnan(z[band.stop - 1 : band.stop]), True
             continue
         here = ~np.isnan(z[band])
@@ -161,5 +181,6 @@ def _remove_bare(z: NDArray[np.float32], bands: list[slice]) -> _Counted:
         first = len(there) - len(after) - len(here)
         used = used[first : first + len(here)]
         z[band][~used] = np.nan
+        whole[band] = used.all()
         counted.rows[band], counted.columns[:] = used.any(1), counted.columns | used.any(0)
     return counted

@@ -4,13 +4,15 @@ GDAL chooses a driver by the content of a file, not by its suffix. Several drive
 files or addresses, and so do the files that GDAL reads beside a raster. A raster is therefore opened only if it starts
 as its suffix says, with the driver of that suffix; a .vrt file as `vrt_files` rewrites it; and masks and overviews
 beside it only if they are TIFF files.
+
+A TIFF file that the user names by a URL is read by window. GDAL then opens nothing beside it.
 """
 
 import os
 import re
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -21,6 +23,7 @@ from ...base.errors import InputError
 from ...base.extras import import_extra
 from ...base.files import checked_file
 from ...base.memory import check_reading
+from ...base.remote_files import gdal_name, unreachable, url_of
 from ...formats.text_numbers import parsed_numbers
 from .vrt_files import VRT, RasterSource, read_vrt
 
@@ -39,6 +42,15 @@ DESCRIPTIONS = re.compile(
 )
 """The starts of descriptions that name other files; GDAL finds some of them anywhere in the head of a file."""
 
+_REMOTE = {
+    "GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR",  # no file beside it is looked for
+    "GDAL_HTTP_CONNECTTIMEOUT": "10",
+    "GDAL_HTTP_MAX_RETRY": "3",
+    "GDAL_HTTP_RETRY_DELAY": "1",
+    "GDAL_INGESTED_BYTES_AT_OPEN": str(1 << 15),  # the header of a large file, in one request
+}
+"""Options of GDAL while a file at a URL is open."""
+
 HEAD = 1 << 16  # bytes, more than GDAL reads to choose a driver
 _BESIDE = ".msk", ".ovr", ".aux"  # files beside a raster that GDAL opens with any driver
 _TEXT = 1 << 24  # bytes of an .asc file that are parsed at once
@@ -48,6 +60,11 @@ _COPIES = 3  # a block as stored, decompressed and as it is returned
 class RasterFile:
     """A raster file that has been checked, to be opened as often as its rows are needed.
 
+    Attributes
+    ----------
+    stored : int or None
+        Bytes of the file and its sources; None: unknown, of a URL.
+
     Raises
     ------
     InputError
@@ -55,33 +72,53 @@ class RasterFile:
     """
 
     def __init__(self, path: Path):
-        self.path = checked_file(path, path.name)
+        self.path, self._url = path, raster_url(path)
+        self.stored: int | None = None
+        if self._url is None:
+            checked_file(path, path.name)
         import_extra("rasterio", path.suffix, "gis")
-        if path.suffix.lower() == VRT:
+        if self._url is not None:
+            self._name, self._driver = gdal_name(self._url), "GTiff"
+            with self.open() as file:
+                _check_overviews(file, path.name)
+        elif path.suffix.lower() == VRT:
             self._name, sources = read_vrt(path, check_stored)
             self._driver, self.stored = "VRT", sum(each.stat().st_size for each in {path, *sources})
         else:
             self._name, self.stored = os.path.abspath(path), path.stat().st_size
             self._driver = check_stored(RasterSource(path, path.name))
 
+    @property
+    def is_virtual(self) -> bool:
+        """Whether other windows of the file may give other values, as those of a virtual raster that averages."""
+        return self._driver == "VRT"
+
     @contextmanager
     def open(self) -> Iterator[Any]:
         """The data set of rasterio. Errors of the library become an InputError."""
-        with _opened(self._name, self._driver, self.path.name) as file:
+        with _opened(self._name, self._driver, self.path.name, self._url) as file:
             check_blocks(file, self.path.name, self.stored)
             yield file
 
 
+def raster_url(path: Path) -> str | None:
+    """The URL of a TIFF file that a path names; None for local paths, and for other files, which are read whole."""
+    return url_of(path) if path.suffix.lower() in (".tif", ".tiff") else None
+
+
 @contextmanager
-def _opened(name: str, driver: str, where: str) -> Iterator[Any]:
+def _opened(name: str, driver: str, where: str, url: str | None = None) -> Iterator[Any]:
     import rasterio
 
+    remote = nullcontext() if url is None else rasterio.Env(**_REMOTE)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
-            with rasterio.open(name, driver=driver) as file:
+            with remote, rasterio.open(name, driver=driver) as file:
                 yield file
     except rasterio.errors.RasterioError as error:
+        if url is not None:
+            raise unreachable(where, url, str(error.__cause__ or error).replace(name, where)) from None
         reason = " ".join(str(error.__cause__ or error).split()).replace(name, where)[:120]
         raise InputError(f"{where}: cannot be read ({reason}); is it a raster?") from None
 
@@ -102,12 +139,17 @@ def check_stored(source: RasterSource) -> str:
         raise InputError(f"{where}: is not a TIFF file; name it as what it is, or convert it with gdal_translate")
     with _opened(os.path.abspath(path), "GTiff", where) as file:
         check_blocks(file, where, path.stat().st_size)
-        if "OVERVIEW_FILE" in file.tags(ns="OVERVIEWS"):
-            raise InputError(f"{where}: names a file of overviews; copy the raster alone with gdal_translate")
+        _check_overviews(file, where)
     return "GTiff"
 
 
-def check_blocks(file: Any, where: str, stored: int) -> None:
+def _check_overviews(file: Any, where: str) -> None:
+    """Raise an InputError if a raster names another file, which GDAL would open with any driver."""
+    if "OVERVIEW_FILE" in file.tags(ns="OVERVIEWS"):
+        raise InputError(f"{where}: names a file of overviews; copy the raster alone with gdal_translate")
+
+
+def check_blocks(file: Any, where: str, stored: int | None) -> None:
     """Raise an InputError if a single block of a raster, which is decompressed as a whole, takes too much memory."""
     together = file.count if file.profile.get("interleave") == "pixel" else 1
     for (rows, columns), kind in zip(file.block_shapes[:1], file.dtypes[:1]):

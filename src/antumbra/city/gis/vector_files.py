@@ -38,8 +38,11 @@ _OF_TEXT, _OF_BINARY = 12, 2  # bytes of memory per byte of a file, of features 
 _ROW_BYTES = 200  # least memory of a row
 
 
-def check_vector_file(path: Path) -> None:
-    """Raise an InputError unless a file is what its suffix says, and refers to nothing outside itself."""
+def check_vector_file(path: Path, whole: bool = True) -> None:
+    """Raise an InputError unless a file is what its suffix says, and refers to nothing outside itself.
+
+    whole : whether it will be in memory at once
+    """
     checked_file(path, path.name)
     suffix = path.suffix.lower()
     if suffix not in STARTS:
@@ -48,7 +51,8 @@ def check_vector_file(path: Path) -> None:
         head = stream.read(HEAD)
     if not re.match(STARTS[suffix], head) or DESCRIPTIONS.search(head):
         raise InputError(f"{path.name}: does not begin as a {suffix} file; is it one?")
-    check_reading((_OF_TEXT if suffix == ".geojson" else _OF_BINARY) * path.stat().st_size, path.name)
+    if whole:
+        check_reading((_OF_TEXT if suffix == ".geojson" else _OF_BINARY) * path.stat().st_size, path.name)
     if suffix == ".geojson":
         _check_crs(path)
     if suffix == ".shp":
@@ -104,9 +108,12 @@ def library_errors(path: Path, things: str) -> Iterator[None]:
         raise InputError(f"{path.name}: cannot be read ({reason}); is it a file of {things}?") from error
 
 
-def layers_of(path: Path, things: str) -> dict[str, str]:
-    """The layers of a file that have geometries, and the kind of each, such as "Multi Polygon"."""
-    check_vector_file(path)
+def layers_of(path: Path, things: str, whole: bool = True) -> dict[str, str]:
+    """The layers of a file that have geometries, and the kind of each, such as "Multi Polygon".
+
+    whole : as for `check_vector_file`
+    """
+    check_vector_file(path, whole)
     with library_errors(path, things):
         layers = import_extra("pyogrio", things, "gis").list_layers(path)
     return {str(name): str(kind) for name, kind in layers if kind is not None}
@@ -135,20 +142,56 @@ def read_vectors(path: Path, things: str, layer: str | None = None) -> Any:
         return geopandas.read_file(path, engine="pyogrio", layer=layer)
 
 
+def read_features(path: Path, things: str, layer: str, after: int | None, most: int) -> Any:
+    """The GeoDataFrame of some features of a GeoPackage, whose index is their numbers.
+
+    after : the number after which they begin; None: all numbers
+    most : how many are read
+
+    Raises
+    ------
+    InputError
+        As for `read_vectors`.
+    """
+    pyogrio = import_extra("pyogrio", things, "gis")
+    check_vector_file(path, whole=False)
+    with library_errors(path, things):
+        where = None
+        if after is not None:
+            name = pyogrio.read_info(path, layer=layer)["fid_column"]
+            where = f'"{name}" > {after}'
+        return pyogrio.read_dataframe(path, layer=layer, where=where, max_features=most, fid_as_index=True)
+
+
 # --- Parquet ----------------------------------------------------------------------------------------------------------
 
 
 _NUMBER_BYTES = 16  # of a number: as stored in memory, and as float64
 _BATCH = 64  # rows that are read to measure them
+_BUFFER = 1 << 20  # bytes of a column that are read at a time
+
+BATCH = 1 << 16
+"""Rows of a table that are read at a time."""
 
 
-def open_parquet(path: Path, dictionaries: Sequence[str] = ()) -> Any:
-    """The ParquetFile of a file that begins as one; `dictionaries`: columns whose equal values are stored once."""
-    check_vector_file(path)
+def open_parquet(path: Path, dictionaries: Sequence[str] = (), whole: bool = True) -> Any:
+    """The ParquetFile of a file that begins as one.
+
+    dictionaries : columns whose equal values are stored once
+    whole : whether all rows will be in memory at once
+    """
+    check_vector_file(path, whole)
     import_extra("pyarrow", ".parquet", "gis")
     import pyarrow.parquet
 
-    return pyarrow.parquet.ParquetFile(path, read_dictionary=list(dictionaries))
+    return pyarrow.parquet.ParquetFile(path, read_dictionary=list(dictionaries), buffer_size=0 if whole else _BUFFER)
+
+
+def check_groups(file: Any, columns: int, path: Path) -> None:
+    """Raise an InputError if a row group takes too much memory while its rows are read in batches."""
+    groups = [file.metadata.row_group(k) for k in range(file.metadata.num_row_groups)]
+    size = max((each.total_byte_size for each in groups), default=0) + _NUMBER_BYTES * columns * BATCH
+    check_reading(size, path.name, path.stat().st_size)
 
 
 def check_columns(file: Any, names: list[str] | None, path: Path) -> None:

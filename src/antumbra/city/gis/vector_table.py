@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ...base.checks import as_array, is_number, number, spelling_hint, text
 from ...base.errors import InputError
+from ...base.wording import counted
 from .vector_files import layers_of, read_vectors
 
 MOST_NAMES = 12
@@ -56,7 +57,7 @@ def given_numbers(value: Any, what: str, columns: Mapping[str, Any], rows: Table
     if not isinstance(value, str):
         values = as_array(value, what)
         if values.shape != (rows.n,) or values.dtype.kind not in "fiu":
-            raise InputError(f"{what} must be a column, a number, or {rows.n} numbers, one per {rows.thing}")
+            raise InputError(f"{what} must be a column, a number, or {counted(rows.n, 'number')}, one per {rows.thing}")
         return values.astype(np.float64)
     if value not in columns:
         numeric = [name for name, column in columns.items() if column.dtype.kind in "fiu"]

@@ -12,6 +12,7 @@ from ...base.extras import import_extra
 from ...base.files import atomic_output, checked_output
 from ...base.option_fields import Given, with_keywords
 from ...base.progress import Progress, with_progress
+from ...base.wording import counted, some_of
 from ...engine.measured_scenes import measured_scene
 from ...engine.scene import AnyScene, Scene
 from ...engine.scene_loading import SceneLike
@@ -165,7 +166,7 @@ def module_shading(
     Raises
     ------
     InputError
-        If times are no index with a time zone, the place is unknown, an argument is invalid, the scene is in a store,
+        If times are no index with a time zone, the place is unknown, an argument is invalid,
         no module has a string but series of strings are requested, or a package is missing (``antumbra[sun]``).
 
     Warns
@@ -179,7 +180,6 @@ def module_shading(
     planes that shade each other, whose other effect, the light reflected by rear sides, is not modelled.
     """
     options, scene = PvOptions(**given(*args, **keywords)), measured_scene(scene)
-    scene.data.check_resident()
     index, place = checked_times(times), checked_place_of(scene, options.place)
     every = checked_modules(modules, len(index))
     if options.per == "string" and not any(module.string for module in every.each):
@@ -190,12 +190,12 @@ def module_shading(
         [m.string for m in every.each].count(""),
     )
     if options.per == "string" and strayed:
-        notes.append(f"{strayed:,} of {len(every.each):,} modules have no string, and are left out")
+        notes.append(f"{some_of(strayed, len(every.each), 'module', 'have')} no string: left out")
     warned = tell(notes)
     instants = index.tz_convert("UTC").tz_localize(None).to_numpy().astype("datetime64[s]")
     elevation, azimuth = solar_angles(place, instants)
     sky = sky_of(scene, place, elevation, azimuth, months_of(index.tz_localize(None).to_numpy()), options.samples)
-    work = _Work(scene, every, sky, place.north, options)
+    work = _ModuleWork(scene, every, sky, place.north, options)
     executor = executor_of(keep)
     parts = work.parts(executor.folder)
     if not executor.finish([parts]):
@@ -274,7 +274,7 @@ def light_through(
     return light
 
 
-class _Work:
+class _ModuleWork:
     """The shading of modules, in parts."""
 
     def __init__(self, scene: AnyScene, modules: Modules, sky: _Sky, north: float, options: PvOptions):
@@ -293,7 +293,7 @@ class _Work:
             of = scene_digest(self.scene, 0.0, self.settings[1])
             about = about_parts("modules", of, *settings, self.sky.towards, self.sky.months, self.sky.times)
         n, k = len(self.modules.each), self.sky.over.size
-        return Parts(f"modules: {n:,} x {k:,} directions", n, _MODULES, self._part, folder, about)
+        return Parts(f"modules: {n:,} x {counted(k, 'direction')}", n, _MODULES, self._part, folder, about)
 
     def _part(self, first: int, last: int) -> dict[str, np.ndarray]:
         """Shaded fractions and sky-view factors, (modules, times), of some modules."""

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...base.checks import as_array, listed, number, quoted, text, whole_number
 from ...base.errors import InputError
 from ...base.extras import import_extra
+from ...base.wording import counted
 from ...sun.sun_positions import directions_of
 from ..sensors.point_attributes import Attributes, names_of_rows
 from ..sensors.sensors import Sensors
@@ -166,7 +167,9 @@ def checked_modules(modules: Any, times: int) -> Modules:
     for name, module in named.items():
         for angles, what in ((module.tilt, "tilts"), (module.azimuth, "azimuths")):
             if angles.ndim and len(angles) != times:
-                raise InputError(f"the module {name} has {len(angles)} {what} at {times} times; give one for each")
+                raise InputError(
+                    f"the module {name} has {len(angles)} {what} at {counted(times, 'time')}; give one for each"
+                )
     return Modules([str(name) for name in named], list(named.values()), times)
 
 

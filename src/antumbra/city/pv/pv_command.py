@@ -85,10 +85,6 @@ class PvCommand(StudyCommand[PvOptions, "ModuleShading"]):
     files: ClassVar[str | None] = "files"
     records_trees: ClassVar[bool] = True
 
-    @property
-    def needs_memory(self) -> bool:
-        return True
-
     def check(self) -> None:
         from ...sun.sun_positions import checked_step, days_of
         from ..sensors.point_attributes import IDS, warn_of_lost

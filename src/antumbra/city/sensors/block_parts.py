@@ -15,7 +15,8 @@ from .sensors import Sensors
 NOTES = "notes"
 """Array of a part: `Note.number` and `Note.about` of each note, as JSON."""
 
-_ROWS = "rows"  # array of a part: its number of sensors
+ROWS = "rows"
+"""Array of a part: its number of sensors."""
 
 
 class BlockParts:
@@ -37,7 +38,7 @@ class BlockParts:
 
     def _part(self, first: int, last: int) -> Arrays:
         sensors = self.source.block(first, last)
-        arrays = {**self._work(sensors), _ROWS: np.array(len(sensors))}
+        arrays = {**self._work(sensors), ROWS: np.array(len(sensors))}
         if self._notes is not None:
             found = [note for note in self._notes(sensors) if isinstance(note, Note)]
             arrays[NOTES] = np.array(json.dumps([(note.number, note.about) for note in found]))
@@ -47,11 +48,11 @@ class BlockParts:
         """The arrays of all sensors, once all parts are done; only once for parts in memory."""
         if not len(self.parts):
             return self._work(self.source.block(0, 0))
-        return self.parts.taken([name for name in self.parts[0] if name not in (NOTES, _ROWS)])
+        return self.parts.taken([name for name in self.parts[0] if name not in (NOTES, ROWS)])
 
     def counts(self) -> list[int]:
         """The number of sensors of each part, once all are done."""
-        return [int(self.parts[k][_ROWS]) for k in range(len(self.parts))]
+        return [int(self.parts[k][ROWS]) for k in range(len(self.parts))]
 
     def notes(self) -> list[str]:
         """The notes on all sensors, once all parts are done."""

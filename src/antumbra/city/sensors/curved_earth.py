@@ -17,10 +17,11 @@ from ...engine.measured_scenes import earth_radius_of
 from ...engine.scene import AnyScene, Scene
 from ...scene.map_point import on_earth
 from ...scene.scene_data import MemoryData
-from ...scene.terrain import TerrainSurfaces
+from ...scene.terrain import HeightGrid, TerrainSurfaces
 from .sensors import Sensors, corners_of
 
 _REFRACTION = 0.13  # of the atmosphere of the earth
+_FACE_BYTES = 600  # of memory, with a copy of the triangles
 _SAG = 1e-3  # metres: maximum height of an edge above the curve between its ends
 
 
@@ -77,11 +78,11 @@ def earth_of(options: Any, scene: AnyScene) -> Earth | None:
     Raises
     ------
     InputError
-        If the scene is in a store, or has faces that let light through.
+        If a store has more triangles than fit in memory, or the scene has faces that let light through.
     """
     if not options.curvature:
         return None
-    scene.data.check_resident()
+    scene.data.check_all(_FACE_BYTES)
     if scene.cutouts is not None:
         raise InputError(
             f"{scene.name} has alpha masks or transmittance, which its copy on a curved earth would lose; "
@@ -116,7 +117,8 @@ def lowered_scene(scene: AnyScene, earth: Earth, time: float = 0.0) -> Scene:
         east = terrain.grid.eastings() - earth.centre[0]
         north = terrain.grid.northings() - earth.centre[1]
         drops = earth.drop * ((north * north)[:, None] + east * east)
-        source = TerrainSurfaces([terrain._replace(heights=terrain.heights - drops)], scene.name)
+        heights = terrain.rows(0, terrain.grid.rows) - drops
+        source = TerrainSurfaces([HeightGrid(terrain.name, terrain.grid, terrain.crs, heights)], scene.name)
         return Scene.of_data(MemoryData(source, name=scene.name, up=scene.up))
     corners = earth.lowered(subdivide(corners_of(scene, time), earth.longest))
     return Scene.from_arrays(corners, name=scene.name, up=scene.up)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ...base.checks import flag, number, path_of
 from ...base.errors import InputError
 from ...base.files import checked_file
+from ...base.wording import some_of
 from ...engine.measured_scenes import measured_scene
 from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike
@@ -340,6 +341,6 @@ def _check_ground(areas: list[Area], zone: np.ndarray, faces: np.ndarray) -> Non
         missing = int((faces[zone == k] < 0).sum())
         if missing:
             raise InputError(
-                f"{area.name}: {missing} of {(zone == k).sum()} cells have no surface below them; "
+                f"{area.name}: {some_of(missing, (zone == k).sum(), 'cell', 'have')} no surface below; "
                 "give the height of the ground, such as raster:0.5@12.3, or a scene with terrain"
             )

@@ -5,6 +5,7 @@ where there is none. Other doubtful points are counted in a note, which is a war
 command: points beside the scene, below the ground, on a surface without a normal, and behind a surface drawn on theirs.
 """
 
+import re
 import sys
 import warnings
 from collections.abc import Iterable, Sequence
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.errors import InputError
+from ...base.wording import place_text, some_of
 from ...engine.measured_scenes import check_degrees
 from ...engine.scene import AnyScene
 from ...query.receivers import SHIFT, Receivers
@@ -35,7 +37,7 @@ _BELOW = "lie below the ground or inside a solid"
 def tell(notes: Sequence[str]) -> dict[str, list[str]]:
     """Issue notes as warnings at the caller of the library; return them as metadata of the study, if there are any."""
     depth, frame = 1, sys._getframe()
-    while frame.f_back is not None and frame.f_globals["__name__"].partition(".")[0] == "antumbra":
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == "antumbra":
         depth, frame = depth + 1, frame.f_back
     for note in notes:
         warnings.warn(note, UserWarning, stacklevel=depth)
@@ -51,7 +53,8 @@ class Note(str):
     @classmethod
     def of(cls, number: int, total: int, about: tuple[str, str, str]) -> "Note":
         what, words, first = about
-        note = cls(f"{number:,} of {total:,} {what} {words}; the first is {first}")
+        noun = re.sub(r"s\b", "", what, count=1)  # singular: "points of the target" are regular, as all others
+        note = cls(f"{some_of(number, total, noun, words)}; the first is {first}")
         note.number, note.about = number, about
         return note
 
@@ -70,11 +73,7 @@ def _note(what: str, which: NDArray[np.bool_], at: NDArray[np.float64], words: s
     """A `Note` on some points; none if there are none."""
     if not which.any():
         return []
-    return [Note.of(int(which.sum()), len(at), (what, words, _text(at[which.argmax()])))]
-
-
-def _text(point: NDArray[np.float64]) -> str:
-    return ",".join(f"{coordinate:.10g}" for coordinate in point)
+    return [Note.of(int(which.sum()), len(at), (what, words, place_text(at[which.argmax()])))]
 
 
 # --- Points -----------------------------------------------------------------------------------------------------------
@@ -101,10 +100,8 @@ def notes_on_sensors(
         return notes + notes_on_bare_points(scene, sensors.points[free], what, time, threads)
     behind = _closely_covered(scene, sensors.points, sensors.normals, time, threads)
     near = scene.unit.of_metres(NEAR)
-    words = (
-        f"have another surface less than {near:.3g} in front, which may hide them, as a wall hides windows drawn on it"
-    )
-    words = f"{words}; lift them off their surface, as face+{2.0 * near:.3g} does"
+    words = f"lie less than {near:.3g} behind another surface, as windows drawn on a wall do"
+    words = f"{words}; lift sensors off their surface, as face+{2.0 * near:.3g} does"
     return notes + _note(what, behind, sensors.points, words)
 
 
@@ -148,7 +145,7 @@ def notes_on_bare_points(
         step = np.zeros_like(at)
         step[:, axis] = reach
         on |= np.asarray(scene.occluded(at - step, targets=at + step, time=time, threads=threads))
-    words = "lie on a surface and have no normal, so the surface may hide them; give normals, or move them off it"
+    words = "lie on a surface without a normal, so it may block the view; give normals, or move points off it"
     return _note(what, on, at, words)
 
 
@@ -179,9 +176,9 @@ def on_surface(
     else:
         tops, faces = highest_surface(scene, at, time, threads)
         tops = np.where(faces >= 0, tops, np.nan)
-    words = f"are to be placed on a surface, and lie beside {scene.name} or on a hole"
+    words = f"lie beside {scene.name} or on a hole, where no surface is to place points on"
     if missing := _note(what, np.isnan(tops), at, words):
-        raise InputError(f"{missing[0]}; move them, or give their heights without on_surface")
+        raise InputError(f"{missing[0]}; move such points, or give heights without on_surface")
     placed = at.copy()
     placed[:, "xyz".index(scene.up)] = tops
     return placed
@@ -244,8 +241,8 @@ def notes_on_faces(scene: AnyScene, sign: float, time: float = 0.0, threads: int
     assert centres.normals is not None
     behind = _closely_covered(scene, centres.points, sign * centres.normals, time, threads, sign)
     near = scene.unit.of_metres(NEAR)
-    words = f"have another one less than {near:.3g} in front, which hides them, as a wall hides windows drawn on it"
-    return _note("faces", behind, centres.points, f"{words}; cut the wall around them in the model")
+    words = f"lie less than {near:.3g} behind another face, as windows drawn on a wall do, and see nothing else"
+    return _note("faces", behind, centres.points, f"{words}; cut the wall around windows in the model")
 
 
 def _closely_covered(

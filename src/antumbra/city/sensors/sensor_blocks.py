@@ -4,15 +4,16 @@ A block is a range of the sensors' numbers. It has the same bits as in the senso
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Protocol, cast
 
 import numpy as np
 
+from ...base.errors import InputError
 from ...engine.scene import AnyScene
-from ...scene.raster import Raster
+from ...scene.raster import CellWindow, Raster, window_within
 from ...work.scene_records import scene_digest
 from .sensors import Sensors, areas_of, face_sensors, raster_cells, sensors_on_faces
 from .surface_grid import grid_counts, grid_on_faces, grid_sensors
@@ -53,6 +54,11 @@ class DescribedSensors(ABC):
     @abstractmethod
     def description(self) -> list[Any]: ...
 
+    @property
+    def attributes_description(self) -> list[Any]:
+        """What determines the other columns of a user's table, for digests; empty: there are none."""
+        return []
+
     @abstractmethod
     def __len__(self) -> int: ...
 
@@ -69,6 +75,7 @@ class RasterBlocks(DescribedSensors):
     """Those of `raster_sensors`.
 
     own : whether the cells are those of the scene's own raster
+    window : of the raster; None: all of it
     """
 
     scene: AnyScene
@@ -77,15 +84,17 @@ class RasterBlocks(DescribedSensors):
     follow: bool
     own: bool
     threads: int | None = None
+    window: CellWindow | None = None
     kind = "raster"
     sided = True
 
     def __len__(self) -> int:
-        return self.raster.n_cells
+        return (self.window or self.raster).n_cells
 
     @property
     def description(self) -> list[Any]:
-        return ["raster", *self.raster, self.height, self.follow, scene_digest(self.scene, 0.0, self.threads)]
+        of, digest = [*self.raster, *(self.window or ())], scene_digest(self.scene, 0.0, self.threads)
+        return ["raster", *of, self.height, self.follow, digest]
 
     def block(self, first: int, last: int) -> Sensors:
         return replace(self._cells(range(first, last)), on_surfaces=self._on_surfaces)
@@ -101,7 +110,16 @@ class RasterBlocks(DescribedSensors):
         return any((cells.faces >= 0).any() for cells in blocks if cells.faces is not None)
 
     def _cells(self, cells: range | None) -> Sensors:
-        return raster_cells(self.scene, self.raster, self.height, self.follow, self.own, cells, threads=self.threads)
+        return raster_cells(
+            self.scene, self.raster, self.height, self.follow, self.own, cells, threads=self.threads, window=self.window
+        )
+
+
+def cells_within(sensors: SensorBlocks, bounds: Sequence[float]) -> RasterBlocks:
+    """The cells of a raster with centres in bounds, (x0, n0, x1, n1). InputError if they are no raster, or none is."""
+    if not isinstance(sensors, RasterBlocks):
+        raise InputError("bounds are for the sensors raster in a single state and without areas; leave bounds out")
+    return replace(sensors, window=window_within(sensors.raster, bounds))
 
 
 _CELLS = 1 << 14  # looked at together for a surface
@@ -177,6 +195,10 @@ class ChangedBlocks(DescribedSensors):
     @property
     def description(self) -> list[Any]:
         return [*self.source.description, self.by]
+
+    @property
+    def attributes_description(self) -> list[Any]:
+        return self.source.attributes_description if isinstance(self.source, DescribedSensors) else []
 
     def __len__(self) -> int:
         return len(self.source)

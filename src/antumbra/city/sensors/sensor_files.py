@@ -1,14 +1,7 @@
 """Sensors from command-line text and from point files: CSV, Parquet, NPZ, NPY and vector files."""
 
-import csv
-import json
 import re
-import warnings
-from collections.abc import Collection, Iterator
-from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -19,20 +12,19 @@ from ...base.memory import check_reading
 from ...engine.measured_scenes import measured_scene
 from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike
-from ...formats.array_files import mapped_array, npz_arrays
+from ...formats.array_files import mapped_array
 from ...kernels.parallel import thread_count
 from ...scene.crs import check_horizontal_crs, checked_crs
-from ...scene.rounded_coordinates import rounding_notes
-from ...scene.scene_bounds import bounds_of_points
-from ..gis.csv_rows import check_fields, check_header
 from ..gis.raster_files import SUFFIXES as RASTERS
-from ..gis.vector_files import check_columns, open_parquet
+from ..gis.raster_files import raster_url
+from ..gis.vector_files import open_parquet
 from .ground_areas import AreaLike, area_sensors
-from .point_attributes import Attributes, read_attributes
+from .point_tables import FileBlocks, crs_of_table, point_table
 from .sensor_blocks import DescribedSensors, RasterBlocks, SurfaceBlocks
 from .sensors import Sensors, checked_lift, point_sensors, raster_of, vertex_sensors
+from .table_rows import reader_errors
 from .vector_points import SUFFIXES as VECTORS
-from .vector_points import WORLD, PointFile, read_vector_points
+from .vector_points import PointFile, read_vector_points
 
 FORMS = (
     "face[+LIFT], vertex[+LIFT], grid:SPACING[+LIFT], raster[:SPACING][+HEIGHT|@HEIGHT], raster:FILE.tif, "
@@ -43,12 +35,12 @@ SUFFIXES = (".csv", ".parquet", ".npy", ".npz")
 POINT_SUFFIXES = (*SUFFIXES, *VECTORS)
 """Suffixes of files of points."""
 _COPIES = 2  # of an array: as stored, and as float64
+_AT_ONCE = 1 << 25  # bytes of a table whose points are read at once; those of larger ones by block
+_BY_BLOCK = ".csv", ".parquet", ".npy", ".gpkg"
+_ROW_BYTES = 32  # of Parquet, which may compress them to a few bits
 
 _ON_FACES = re.compile(r"(?:(face|vertex)|grid:([0-9.]+(?:[eE][+-]?[0-9]+)?|[0-9.eE-]+))(?:\+([0-9.eE+-]+))?")
 _RASTER = re.compile(r"raster(?::([0-9.]+(?:[eE][0-9-]+)?|.+\.(?:tif|tiff|vrt|asc)))?(?:([+@])([0-9.eE+-]+))?", re.I)
-CSV_ROWS = 1 << 16  # lines of a CSV file held as lists at a time
-_POSITION, _NORMAL = ("x", "y", "z"), ("nx", "ny", "nz")
-_DEGREES = ("longitude", "latitude", "z"), ("lon", "lat", "z")
 
 
 def check_sensors(text: str, option: str = "sensors", areas: bool = False) -> None:
@@ -61,7 +53,7 @@ def check_sensors(text: str, option: str = "sensors", areas: bool = False) -> No
     if _ON_FACES.fullmatch(text):
         return
     if _RASTER.fullmatch(text):
-        if file := raster_file(text):
+        if (file := raster_file(text)) and raster_url(Path(file)) is None:
             checked_file(Path(file), file)
         return
     check_point_file(text, option, FORMS, POINT_SUFFIXES)
@@ -88,6 +80,17 @@ def kind_of(text: str) -> str:
     return word if word in ("face", "vertex", "grid", "raster") else "points"
 
 
+def raster_height(form: str) -> float | None:
+    """The height above the cells of a raster in a text of sensors such as "raster+1.6"; None: it names others."""
+    if form == "raster":
+        return 0.0
+    start, _, rest = form.partition("+")
+    try:
+        return float(rest) if start == "raster" else None
+    except ValueError:
+        return None
+
+
 def sensors_of(text: str, scene: SceneLike, threads: int | None = None, areas: AreaLike | None = None) -> Sensors:
     """The sensors that a text names.
 
@@ -104,6 +107,9 @@ def sensors_of(text: str, scene: SceneLike, threads: int | None = None, areas: A
     - a point file: see `read_point_file`; points in another CRS than the scene's are reprojected
     """
     if areas is None:
+        check_sensors(text)
+        if kind_of(text) == "points":
+            return read_point_file(Path(text)).within(measured_scene(scene))
         found = sensor_blocks(text, scene, threads)
         return found if isinstance(found, Sensors) else found.whole()
     check_sensors(text, areas=True)
@@ -113,7 +119,7 @@ def sensors_of(text: str, scene: SceneLike, threads: int | None = None, areas: A
 
 
 def sensor_blocks(text: str, scene: SceneLike, threads: int | None = None) -> Sensors | DescribedSensors:
-    """The sensors of `sensors_of`, described if they can be made by block: those on faces and rasters."""
+    """The sensors of `sensors_of`, described if they can be made by block: those on faces, rasters and large files."""
     check_sensors(text)
     scene, threads = measured_scene(scene), thread_count(threads)
     if on := _ON_FACES.fullmatch(text):
@@ -125,7 +131,18 @@ def sensor_blocks(text: str, scene: SceneLike, threads: int | None = None) -> Se
     if _RASTER.fullmatch(text):
         cells, height, follow = _cells_of(text)
         return RasterBlocks(scene, raster_of(scene, cells), height, follow, cells is None, threads)
-    return read_point_file(Path(text)).within(scene)
+    path = Path(text)
+    if path.suffix.lower() in _BY_BLOCK and _size(path) > _AT_ONCE and (table := point_table(path)) is not None:
+        return FileBlocks.of(table, scene)
+    return read_point_file(path).within(scene)
+
+
+def _size(path: Path) -> int:
+    """About how many bytes the rows of a table take."""
+    if path.suffix.lower() != ".parquet":
+        return path.stat().st_size
+    with reader_errors(path), open_parquet(path, whole=False) as file:
+        return _ROW_BYTES * int(file.metadata.num_rows)
 
 
 def _cells_of(text: str) -> tuple[str | float | None, float, bool]:
@@ -140,8 +157,8 @@ def check_file_crs(scene: AnyScene, *paths: Path | None) -> None:
     """Raise an InputError if a table names a CRS whose horizontal coordinates differ from the scene's."""
     for path in paths:
         if scene.crs and path is not None and path.suffix.lower() == ".parquet":
-            with _reader_errors(path):
-                crs = _crs_of(path)
+            with reader_errors(path):
+                crs = crs_of_table(path)
                 check_horizontal_crs(path.name, None if crs is None else checked_crs(crs), scene.crs)
 
 
@@ -193,147 +210,15 @@ def read_point_file(path: Path, flat: bool = False) -> PointFile:
     InputError
         If the file cannot be read, or a column is missing or holds anything but numbers.
     """
-    suffix = path.suffix.lower()
-    if suffix == ".npy":
-        return PointFile(_from_array(read_array(path), path.name), path.name)
-    if suffix in VECTORS:
-        checked_file(path, path.name)
+    checked_file(path, path.name)
+    if path.suffix.lower() in VECTORS or (table := point_table(path, flat)) is None or table.is_geometry:
         return read_vector_points(path, flat)
-    columns, position, crs = read_columns(path, (*_POSITION, *_NORMAL, "area")), _POSITION, None
-    on_map = False
-    if suffix == ".parquet":
-        with _reader_errors(path):
-            crs = _crs_of(path)
-    if not {"x", "y"} & columns.keys():
-        degrees = read_columns(path, (*_DEGREES[0], *_DEGREES[1]))
-        form = next((form for form in _DEGREES if set(form[:2]) <= degrees.keys()), None)
-        if form is not None:
-            columns, position, crs, on_map = columns | {name: degrees[name] for name in form[:2]}, form, WORLD, True
-        elif crs is not None:
-            return read_vector_points(path, flat)
-    if flat and "z" not in columns:
-        columns["z"] = np.zeros(len(next(iter(columns.values()), ())))
-    missing = [name for name in position if name not in columns]
-    if missing:
-        raise InputError(f"{path.name}: column {missing[0]!r} is missing; points need the columns x, y and z")
-    normals = np.stack([columns[n] for n in _NORMAL], 1) if all(n in columns for n in _NORMAL) else None
-    sensors = point_sensors(np.stack([columns[n] for n in position], 1), normals, columns.get("area"))
-    _warn_of_rounding(sensors, path.name)
-    sensors = replace(sensors, attributes=attributes_of(path, columns, len(sensors)))
-    return PointFile(sensors, path.name, crs, on_map)
-
-
-def attributes_of(path: Path, used: Collection[str], n: int) -> Attributes:
-    """The columns of a file of n rows besides those with these lower-case names; see `read_attributes`."""
-    with _reader_errors(path):
-        return read_attributes(path, used, n)
+    return table.whole()
 
 
 def read_array(path: Path) -> np.ndarray:
     """The array in a .npy file. Raises InputError if it cannot be read."""
-    with _reader_errors(path):
+    with reader_errors(path):
         array = mapped_array(path, path.name)
         check_reading(_COPIES * array.nbytes, path.name)
         return np.array(array)
-
-
-def read_columns(path: Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
-    """The columns of a .csv, .parquet or .npz file that have one of these lower-case names, as numbers.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or a column holds anything but numbers.
-    """
-    checked_file(path, path.name)
-    reader = {".csv": _csv, ".parquet": _parquet, ".npz": _npz}[path.suffix.lower()]
-    with _reader_errors(path):
-        return reader(path, names)
-
-
-@contextmanager
-def _reader_errors(path: Path) -> Iterator[None]:
-    """Turn errors of readers into an InputError that names the file."""
-    try:
-        yield
-    except InputError:
-        raise
-    except Exception as error:  # csv, zipfile and pyarrow raise many kinds of errors for damaged files
-        reason = " ".join(str(error).split())[:120] or type(error).__name__
-        raise InputError(f"{path.name}: cannot be read ({reason}); write it again") from error
-
-
-def _from_array(array: np.ndarray, name: str) -> Sensors:
-    if array.ndim != 2 or array.shape[1] not in (3, 6) or array.dtype.kind not in "fiu":
-        raise InputError(
-            f"{name}: the array is {array.dtype} {array.shape}; points are (n, 3), points and normals (n, 6)"
-        )
-    sensors = point_sensors(array[:, :3], array[:, 3:] if array.shape[1] == 6 else None)
-    _warn_of_rounding(sensors, name)
-    return sensors
-
-
-def _warn_of_rounding(sensors: Sensors, file: str) -> None:
-    """A note if float32 has rounded the points of a file."""
-    if len(sensors) > 1:
-        points = sensors.points
-        for note in rounding_notes(file, bounds_of_points(points), lambda: points, "write it in float64"):
-            warnings.warn(note, UserWarning, stacklevel=3)
-
-
-def _csv(path: Path, column_names: tuple[str, ...]) -> dict[str, np.ndarray]:
-    with open(path, newline="", encoding="utf-8-sig") as file:
-        rows = csv.reader(file)
-        header = [name.strip().lower() for name in next(rows, [])]
-        columns = [(k, name) for k, name in enumerate(header) if name in column_names]
-        check_header([name for _, name in columns], path.name)
-        tables, values = list[np.ndarray](), list[list[float]]()
-        for line, row in enumerate(rows, 2):
-            if not row:
-                continue
-            check_fields(len(row), len(header), line, path.name)
-            try:
-                values.append([float(row[k]) for k, _ in columns])
-            except (ValueError, IndexError):
-                line_text = ",".join(row)[:60]
-                raise InputError(f"{path.name}, line {line}: {line_text!r} lacks a number of a point") from None
-            if len(values) == CSV_ROWS:  # an array takes a fifth of the memory
-                tables, values = [*tables, np.array(values, np.float64)], []
-    table = np.concatenate([*tables, np.array(values, np.float64).reshape(len(values), len(columns))])
-    return {name: table[:, k] for k, (_, name) in enumerate(columns)}
-
-
-def _parquet(path: Path, column_names: tuple[str, ...]) -> dict[str, np.ndarray]:
-    with open_parquet(path) as file:
-        names = [name for name in file.schema_arrow.names if name.lower() in column_names]
-        for name in names:
-            _check_kind(np.dtype(file.schema_arrow.field(name).type.to_pandas_dtype()), name, path)
-        check_columns(file, names, path)
-        table = file.read(columns=names)
-    return {name.lower(): _numbers(table[name].to_numpy(), name, path) for name in names}
-
-
-def _crs_of(path: Path) -> Any:
-    """The CRS of GeoParquet's primary geometry, unchecked; None if it has none, or the file is plain Parquet."""
-    with open_parquet(path) as file:
-        metadata = (file.schema_arrow.metadata or {}).get(b"geo")
-    if metadata is None:
-        return None
-    geo = json.loads(metadata)
-    return geo["columns"][geo["primary_column"]].get("crs", WORLD)
-
-
-def _npz(path: Path, column_names: tuple[str, ...]) -> dict[str, np.ndarray]:
-    return {name: _numbers(values, name, path) for name, values in npz_arrays(path, column_names).items()}
-
-
-def _numbers(values: np.ndarray, name: str, path: Path) -> np.ndarray:
-    _check_kind(values.dtype, name, path)
-    if values.ndim != 1:
-        raise InputError(f"{path.name}: column {name!r} must hold numbers, not arrays {values.shape}")
-    return values.astype(np.float64)
-
-
-def _check_kind(kind: np.dtype[Any], name: str, path: Path) -> None:
-    if kind.kind not in "fiu":
-        raise InputError(f"{path.name}: column {name!r} must hold numbers, not {kind}")

@@ -14,13 +14,14 @@ from numpy.typing import ArrayLike, NDArray
 from ...base.checks import as_array, choice, flag, items, number, path_of, points, quoted, unit_vectors, whole_number
 from ...base.checks import points as checked_points
 from ...base.errors import InputError
+from ...base.wording import counted
 from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike, scene_of
 from ...kernels.elementary import acos
 from ...kernels.parallel import thread_count
 from ...query.receivers import Receivers, receivers_above
 from ...scene.crs import check_horizontal_crs
-from ...scene.raster import Raster
+from ...scene.raster import CellWindow, Raster, window_of
 from .raster_grid import aligned_raster, check_memory, checked_raster, plan_of, raster_in, raster_of_file
 
 # --- Checked fields of `Sensors` --------------------------------------------------------------------------------------
@@ -28,6 +29,9 @@ from .raster_grid import aligned_raster, check_memory, checked_raster, plan_of, 
 
 NEEDED = {"face": "faces", "grid": "faces", "vertex": "corners", "raster": "raster"}
 """Kind of sensors -> the field that it requires."""
+
+NORMAL_CURE = "leave normals out for points in free space"
+"""What helps against normals without a direction."""
 
 _STEEP = 1e-3  # slope of a normal below which a face is nearly upright
 _ROUNDED = 2.0**-48  # relative distance in plan that float64 rounding explains
@@ -43,7 +47,7 @@ def checked_normals(values: ArrayLike, n: int) -> NDArray[np.float64]:
         squares = np.einsum("ij,ij->i", different, different)
         if (np.abs(squares - 1.0) <= 2.0 * _UNIT).all():
             return normals
-    return unit_vectors(normals, "the normal of sensor", "leave normals out for points in free space")
+    return unit_vectors(normals, "the normal of sensor", NORMAL_CURE)
 
 
 def checked_areas(values: ArrayLike, n: int) -> NDArray[np.float64]:
@@ -81,9 +85,13 @@ def check_on_scene(sensors: "Sensors", scene: AnyScene) -> None:
     n, faces, corners = scene.n_triangles, sensors.faces, sensors.corners
     last = -1 if faces is None or not len(faces) else int(faces.max())
     if last >= n:
-        raise InputError(f"sensors lie on face {last}, and {scene.name} has {n} faces; make them for this scene")
+        raise InputError(
+            f"sensors lie on face {last}, and {scene.name} has {counted(n, 'face')}; make them for this scene"
+        )
     if corners is not None and len(corners) != n:
-        raise InputError(f"corners of sensors are of {len(corners)} faces, and {scene.name} has {n}; make them for it")
+        raise InputError(
+            f"corners of sensors are of {counted(len(corners), 'face')}, and {scene.name} has {n}; make them for it"
+        )
 
 
 def _checked_array(values: ArrayLike, shape: tuple[int, ...], name: str) -> np.ndarray:
@@ -186,7 +194,9 @@ class Sensors:
             raise InputError(f"attributes of sensors are {quoted(self.attributes)}; they must be a dict of arrays")
         for name, values in self.attributes.items():
             if not isinstance(values, np.ndarray) or values.shape != (n,):
-                raise InputError(f"the attribute {name!r} of sensors must be an array of {n} values, one for each")
+                raise InputError(
+                    f"the attribute {name!r} of sensors must be an array of {counted(n, 'value')}, one for each"
+                )
         self._check_cells()
 
     def _set(self, name: str, value: object) -> None:
@@ -202,7 +212,7 @@ class Sensors:
         if self.cells is not None:
             self._set("cells", checked_indices(self.cells, (len(self),), "cells", 0, count))
         elif len(self) != count:
-            raise InputError(f"{len(self)} sensors are not one for each of {count} cells of the raster; give cells")
+            raise InputError(f"{counted(len(self), 'sensor')} for {counted(count, 'cell')} of the raster; give cells")
 
     def __len__(self) -> int:
         return len(self.points)
@@ -292,7 +302,7 @@ class Sensors:
 
 
 def corners_of(scene: AnyScene, time: float = 0.0) -> NDArray[np.float64]:
-    """(n, 3, 3) float64: the corners of all faces, world, whatever else the scene holds. InputError for a store."""
+    """(n, 3, 3) float64: the corners of all faces, world. InputError for a store that exceeds memory."""
     return scene.data.corners(time)
 
 
@@ -403,18 +413,20 @@ def raster_sensors(
 
 def raster_cells(
     scene: AnyScene, raster: Raster, height: float, follow: bool, own: bool, cells: range | None = None,
-    time: float = 0.0, threads: int | None = None,
+    time: float = 0.0, threads: int | None = None, window: CellWindow | None = None,
 ) -> Sensors:  # fmt: skip
     """Some cells of `raster_sensors`, the same to the last bit; None: all.
 
     own : whether the cells are those of the scene's own raster
+    window : the part of the raster in which `cells` are numbered, which becomes that of the sensors; None: all
     """
+    part = window or CellWindow(0, 0, raster.rows, raster.columns)
     if cells is None:
-        check_memory(raster.n_cells)
+        check_memory(part.n_cells)
     up = "xyz".index(scene.up)
-    numbers = np.arange(raster.n_cells) if cells is None else np.arange(cells.start, cells.stop)
-    at, faces = raster.places(numbers, scene.up), np.full(len(numbers), -1, np.int64)
-    tops = _tops_of_own_cells(scene, cells) if follow and own else None
+    numbers = np.arange(part.n_cells) if cells is None else np.arange(cells.start, cells.stop)
+    at, faces = raster.places(_of_whole(numbers, part, raster), scene.up), np.full(len(numbers), -1, np.int64)
+    tops = _tops_of_own_cells(scene, numbers, part) if follow and own else None
     if tops is not None:
         at[:, up], faces = tops
         at[:, up] += height
@@ -425,7 +437,16 @@ def raster_cells(
         at[:, up] = height
     upwards = np.broadcast_to(np.eye(3)[up], at.shape)
     areas = np.broadcast_to(raster.area, len(at))
-    return Sensors(at, upwards, areas, faces, "raster", raster, cells=None if cells is None else numbers)
+    of = raster if window is None else window_of(raster, window)
+    return Sensors(at, upwards, areas, faces, "raster", of, cells=None if cells is None else numbers)
+
+
+def _of_whole(numbers: NDArray[np.int64], part: CellWindow, raster: Raster) -> NDArray[np.int64]:
+    """The numbers of cells in a raster, from those in a part of it."""
+    if part.columns == raster.columns:
+        return numbers + part.row * raster.columns
+    row, column = np.divmod(numbers, part.columns)
+    return (row + part.row) * raster.columns + column + part.column
 
 
 def raster_of(scene: AnyScene, spacing: float | str | PathLike[str] | None, plan: np.ndarray | None = None) -> Raster:
@@ -442,14 +463,20 @@ def raster_of(scene: AnyScene, spacing: float | str | PathLike[str] | None, plan
     return raster
 
 
-def _tops_of_own_cells(scene: AnyScene, cells: range | None) -> tuple[NDArray[np.float64], NDArray[np.int64]] | None:
+def _tops_of_own_cells(
+    scene: AnyScene, numbers: NDArray[np.int64], part: CellWindow
+) -> tuple[NDArray[np.float64], NDArray[np.int64]] | None:
     """Surface heights at cells of a scene of one raster, as by `on_top` but without rays; None for other scenes.
 
     A cell's height is that of a vertex, so the result is the same up to the rounding of rays.
+
+    numbers : consecutive ones, in a part of the raster
     """
-    if (tops := scene.data.cell_tops(cells)) is None:
+    first, last = (0, 0) if not len(numbers) else (int(numbers[0]), int(numbers[-1]) + 1)
+    row, end = first // part.columns, -(-last // part.columns)
+    if (tops := scene.data.cell_tops(part._replace(row=part.row + row, rows=end - row))) is None:
         return None
-    heights, faces = tops
+    heights, faces = (each[first - row * part.columns : last - row * part.columns] for each in tops)
     return np.where(faces >= 0, heights, scene.bounds[0, 2]), faces.astype(np.int64)
 
 
@@ -488,10 +515,10 @@ def _first_surface(
     begin[:, up], along[up] = start, sign
     hit = scene.closest_hit(begin, along, time=time, threads=threads)
     heights = np.where(hit.mask, start + sign * np.where(hit.mask, hit.t, 0.0), scene.bounds[0, up])
-    if scene.data.resident and scene.data.terrain is None:  # whose triangles would be made for this
+    if scene.data.terrain is None:  # whose triangles would be made for this
         hits = np.flatnonzero(hit.mask)
         for some in np.split(hits, range(_ROWS, len(hits), _ROWS)):
-            corners = scene.data.corners(time, hit.face[some])
+            corners = scene.data.corners(time, hit.face[some]) if scene.data.resident else hit.corners[some]
             heights[some] = _heights_on(corners, at[some], heights[some], up)
     return heights, hit.face.astype(np.int64)
 
@@ -527,8 +554,10 @@ def point_sensors(at: ArrayLike, normals: ArrayLike | None = None, areas: ArrayL
     if normals is not None:
         directions = points(normals, "normals of sensors")
         if directions.shape != where.shape:
-            raise InputError(f"normals of sensors must be one for each of {len(where)} points, not {directions.shape}")
-        unit = unit_vectors(directions, "the normal of sensor", "leave normals out for points in free space")
+            raise InputError(
+                f"normals of sensors must be one for each of {counted(len(where), 'point')}, not {directions.shape}"
+            )
+        unit = unit_vectors(directions, "the normal of sensor", NORMAL_CURE)
     if areas is not None:
         sizes = as_array(areas, "areas of sensors").astype(np.float64)
         if sizes.shape != where.shape[:1] or not (np.isfinite(sizes) & (sizes >= 0.0)).all():

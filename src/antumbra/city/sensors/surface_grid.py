@@ -66,7 +66,7 @@ def grid_on_faces(scene: AnyScene, spacing: float, lift: float, faces: range, pl
 # --- Lattices of faces ------------------------------------------------------------------------------------------------
 
 
-class _Rows(NamedTuple):
+class _LatticeRows(NamedTuple):
     """Rows of lattice points in triangles, in their order; without one, a point at the centre."""
 
     face: np.ndarray  # (r,) int64: the triangle
@@ -86,7 +86,7 @@ class _Lattices(NamedTuple):
     across: np.ndarray  # (n, 3) float64: unit vectors in the planes
     along: np.ndarray
     flat: np.ndarray  # (n, 3, 2) float64: the corners in the plane, in spacings
-    rows: _Rows
+    rows: _LatticeRows
 
 
 def _lattices(corners: np.ndarray, spacing: float, up: str) -> _Lattices:
@@ -136,14 +136,14 @@ def _plane_axes(normals: np.ndarray, up: int) -> tuple[np.ndarray, np.ndarray]:
     return across, np.cross(normals, across)
 
 
-def _lattice_rows(flat: np.ndarray) -> _Rows:
+def _lattice_rows(flat: np.ndarray) -> _LatticeRows:
     """The rows of the points (i + _PHASE, j + _PHASE) in triangles, whose corners in the plane are `flat`, (n, 3, 2).
 
     The points of a row that lie on the inner side of an edge come one after another, in floating point too, since each
     operation of `_beside` is monotonic. So bisection finds the ends of a row, point for point.
     """
     low, high = np.ceil(flat.min(1) - _PHASE), np.floor(flat.max(1) - _PHASE)
-    found = [_Rows(*(np.empty(0, kind) for kind in (np.int64, np.float64, np.float64, np.int64)))]
+    found = [_LatticeRows(*(np.empty(0, kind) for kind in (np.int64, np.float64, np.float64, np.int64)))]
     heights = np.maximum(high[:, 1] - low[:, 1] + 1.0, 0.0) * (high[:, 0] >= low[:, 0])
     for first, last in _blocks(np.cumsum(heights.astype(np.int64)), _ROWS):
         n = heights[first:last].astype(np.int64)
@@ -153,13 +153,13 @@ def _lattice_rows(flat: np.ndarray) -> _Rows:
         for k in range(3):
             _cut(flat[face, k], flat[face, (k + 1) % 3], row + _PHASE, low[face, 0], begin, end)
         some = end > begin
-        found.append(_Rows(face[some], row[some], low[face[some], 0] + begin[some], (end - begin)[some]))
+        found.append(_LatticeRows(face[some], row[some], low[face[some], 0] + begin[some], (end - begin)[some]))
     face, row, begin_at, count = (np.concatenate(each) for each in zip(*found))
     empty = np.setdiff1d(np.arange(len(flat)), face)
     face, row = np.concatenate([face, empty]), np.concatenate([row, np.full(len(empty), np.nan)])
     begin_at, count = np.concatenate([begin_at, np.zeros(len(empty))]), np.concatenate([count, np.ones_like(empty)])
     order = np.argsort(face, kind="stable")
-    return _Rows(face[order], row[order], begin_at[order], count[order])
+    return _LatticeRows(face[order], row[order], begin_at[order], count[order])
 
 
 _ROWS = 1 << 20  # rows at a time
@@ -199,12 +199,12 @@ def _beside(a: np.ndarray, b: np.ndarray, x: np.ndarray, y: np.ndarray) -> NDArr
     return np.asarray((side > 0.0) | ((side == 0.0) & first))
 
 
-def _points(rows: _Rows, flat: np.ndarray, places: range | None) -> tuple[np.ndarray, np.ndarray]:
+def _points(rows: _LatticeRows, flat: np.ndarray, places: range | None) -> tuple[np.ndarray, np.ndarray]:
     """The points of rows: (m,) triangles and (m, 2) positions; `places`: some of them."""
     ends = np.cumsum(rows.points)
     begin, end = (0, int(ends[-1]) if len(ends) else 0) if places is None else (places.start, places.stop)
     first, last = np.searchsorted(ends, begin, "right"), np.searchsorted(ends, end - 1, "right") + 1
-    rows = _Rows(*(each[first:last] for each in rows))
+    rows = _LatticeRows(*(each[first:last] for each in rows))
     which = np.repeat(np.arange(len(rows.face)), rows.points)
     starts = ends[first:last] - rows.points
     which = which[begin - int(starts[0]) :][: end - begin] if len(starts) else which

@@ -33,7 +33,7 @@ class SurfaceGroups(NamedTuple):
     of_face: np.ndarray  # (faces,) int32: the group of each face, -1: none
 
 
-def surface_groups(scene: AnyScene, by: Grouping) -> SurfaceGroups:
+def surface_groups(scene: AnyScene, per: Grouping) -> SurfaceGroups:
     """The faces of a scene in groups.
 
     - ``face``: each face is a group
@@ -41,34 +41,47 @@ def surface_groups(scene: AnyScene, by: Grouping) -> SurfaceGroups:
       see `planar_parts`
     - ``facade``: the planar parts of the walls of objects; other faces belong to no group
     - ``object``: the objects of the scene
-    - ``building``: the outermost objects, such as a Building with all its BuildingParts; otherwise the objects
+    - ``building``: the outermost objects, such as a Building with all its BuildingParts, apart from those with the
+      type of something else, such as trees and roads, which belong to no group
 
     Raises
     ------
     InputError
-        If the name is unknown, or the numbers are not one for each face.
+        If the name is unknown, the scene has no buildings, or the numbers are not one for each face.
     """
-    if not isinstance(by, str):
-        return _numbered(as_array(by, "groups of faces"), scene.n_triangles)
-    choice(by, "surfaces", GROUPINGS)
+    if not isinstance(per, str):
+        return _numbered(as_array(per, "groups of faces"), scene.n_triangles)
+    choice(per, "per", GROUPINGS)
     faces = np.arange(scene.n_triangles, dtype=np.int32)
-    if by == "face":
+    if per == "face":
         return SurfaceGroups([str(k) for k in range(len(faces))], [""] * len(faces), faces)
-    if by == "facade":
+    if per == "facade":
         walls = np.flatnonzero(face_types(scene, faces) == WALL)
         return _parts_of(scene, walls, [WALL] * len(faces))
-    if by == "surface":
+    if per == "surface":
         return _surfaces(scene)
     objects = np.asarray(scene.object_of_face[faces], np.int32)
-    if by == "object" or scene.city is None:
+    if per == "object":
         return _with_faces([each.name for each in scene.objects], [each.type for each in scene.objects], objects)
     names, types, building_of = buildings_of(scene)
-    return _with_faces(names, types, building_of[objects])
+    building_of[[bool(each.type) and not each.type.startswith(BUILT) for each in scene.objects]] = -1
+    groups = _with_faces(names, types, building_of[objects])
+    if not groups.names:
+        kinds = _listing(sorted({each.type for each in scene.objects}))
+        raise InputError(f"{scene.name} has no buildings, only {kinds}; use surface for the rows")
+    return groups
+
+
+def notes_on_buildings(scene: AnyScene, per: Grouping) -> list[str]:
+    """A note if rows per building are of objects that nothing tells from trees or streets."""
+    if not isinstance(per, str) or per != "building" or any(each.type for each in scene.objects):
+        return []
+    return [f"{scene.name}: its objects have no types, so each counts as a building"]
 
 
 def buildings_of(scene: AnyScene) -> tuple[list[str], list[str], NDArray[np.int32]]:
     """Names and types of the outermost objects, and the index of that of each object. "" for types without faces."""
-    if scene.city is None:
+    if scene.city is None and not any(each.parent for each in scene.objects):
         names, types = [each.name for each in scene.objects], [each.type for each in scene.objects]
         return names, types, np.arange(len(names), dtype=np.int32)
     outermost = [each.parent or each.name for each in scene.objects]
@@ -90,9 +103,11 @@ def _numbered(numbers: np.ndarray, faces: int) -> SurfaceGroups:
 
 
 def _with_faces(names: Sequence[str], types: Sequence[str], of_face: NDArray[np.integer]) -> SurfaceGroups:
-    """The groups that have faces."""
+    """The groups that have faces; -1: none."""
     used, numbers = np.unique(of_face, return_inverse=True)
-    return SurfaceGroups([names[k] for k in used], [types[k] for k in used], numbers.astype(np.int32))
+    none = int(np.count_nonzero(used < 0))
+    used = used[none:]
+    return SurfaceGroups([names[k] for k in used], [types[k] for k in used], (numbers - none).astype(np.int32))
 
 
 def _surfaces(scene: AnyScene) -> SurfaceGroups:
@@ -146,7 +161,14 @@ def face_types(scene: AnyScene, faces: NDArray[np.integer]) -> NDArray[np.object
 
     That of its semantic surface. Without semantics it follows from the normal, see `types_of_normals`; in city models
     only for buildings and other constructions, since their other objects have neither walls nor roofs.
+
+    Raises
+    ------
+    InputError
+        If the scene is a store of a city model, whose semantic surfaces it does not have.
     """
+    if scene.data.lacks_surfaces:
+        raise InputError(f"{scene.name}: a store has no semantic surfaces; use the file that it was built from")
     types = np.full(len(faces), "", object)
     plain = faces >= 0
     if scene.city is not None:

@@ -1,5 +1,7 @@
 """Points of vector files, such as GeoPackage and GeoJSON, and the way of points into the CRS of a scene."""
 
+from abc import abstractmethod
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,8 +13,9 @@ from ...base.errors import InputError
 from ...base.extras import import_extra
 from ...engine.scene import AnyScene
 from ...scene.crs import checked_crs, parts_of_crs, reproject
-from ..gis.vector_files import layers_of, read_vectors
+from ..gis.vector_files import BATCH, check_groups, layers_of, open_parquet, read_features, read_vectors
 from .sensors import Sensors, point_sensors
+from .table_rows import Batch, TableRows
 
 SUFFIXES = (".gpkg", ".geojson", ".shp", ".fgb")
 """Suffixes of vector files of points."""
@@ -20,6 +23,7 @@ SUFFIXES = (".gpkg", ".geojson", ".shp", ".fgb")
 WORLD = "OGC:CRS84"
 """The CRS of columns in degrees, and of GeoParquet that names none."""
 
+_AXES = "x", "y", "z"
 _MOST_DEGREES = 360.0, 90.0
 _KINDS = "fiubM"  # besides texts, of columns that come through
 
@@ -99,9 +103,9 @@ def crs_of_frame(frame: Any, path: Path) -> str | None:
     return crs
 
 
-def _layer_of(path: Path) -> str:
-    """The only layer that may hold points."""
-    kinds = layers_of(path, "points")
+def _layer_of(path: Path, whole: bool = True) -> str:
+    """The only layer that may hold points; `whole`: whether its rows will be in memory at once."""
+    kinds = layers_of(path, "points", whole)
     fitting = [name for name, kind in kinds.items() if "Point" in kind or "Unknown" in kind]
     if len(fitting) != 1:
         there = ", ".join(f"{name} ({kind})" for name, kind in kinds.items())
@@ -111,13 +115,86 @@ def _layer_of(path: Path) -> str:
     return fitting[0]
 
 
-def _points_of(frame: Any, file: str, flat: bool) -> Sensors:
+class GeometryRows(TableRows):
+    """Points that are geometries, as by `read_vector_points`: their numbers are x, y and z."""
+
+    crs: Any  # as of `PointFile`
+
+    def __init__(self, path: Path):
+        super().__init__(path)
+        self.names = [*_AXES]
+        self.select(_AXES)
+
+    @abstractmethod
+    def _frames(self, mark: Any) -> Iterator[tuple[Any, Any]]:
+        """Yield marks, and the GeoDataFrame of the rows that are read there; at least one."""
+
+    def _batches(self, mark: Any) -> Iterator[Batch]:
+        row = 0
+        for here, frame in self._frames(mark):
+            sensors = _points_of(frame, self.path.name, False, row)
+            yield Batch(here, sensors.points, sensors.attributes)
+            row += len(frame)
+
+    def _kinds_in(self, batch: Batch) -> dict[str, np.dtype[Any] | None]:
+        return {name: values.dtype for name, values in batch.others.items()}
+
+    def _attributes(self, batch: Batch) -> dict[str, NDArray[Any]]:
+        return {name: batch.others[name].astype(kind) for name, kind in self._plain_kinds().items()}
+
+
+class LayerRows(GeometryRows):
+    """The only layer of a GeoPackage. Marks are the numbers of the features before them."""
+
+    def __init__(self, path: Path):
+        super().__init__(path)
+        self._layer = _layer_of(path, whole=False)
+        self.crs = crs_of_frame(read_features(path, "points", self._layer, None, 1), path)
+
+    def _frames(self, mark: Any) -> Iterator[tuple[Any, Any]]:
+        frame = None
+        while frame is None or len(frame) == BATCH:
+            frame = read_features(self.path, "points", self._layer, mark, BATCH)
+            yield mark, frame
+            mark = int(frame.index[-1]) if len(frame) else mark
+
+
+class GeoParquetRows(GeometryRows):
+    """GeoParquet with well-known binary in a column. Marks are the numbers of row groups."""
+
+    def __init__(self, path: Path, column: str, crs: Any):
+        super().__init__(path)
+        self._column, self.crs = column, crs
+
+    def _check_memory(self, whole: bool) -> None:
+        with open_parquet(self.path, whole=whole) as file:
+            check_groups(file, len(file.schema_arrow.names), self.path)
+
+    def _frames(self, mark: Any) -> Iterator[tuple[Any, Any]]:
+        none = True
+        with open_parquet(self.path, whole=False) as file:
+            for group in range(mark or 0, file.metadata.num_row_groups):
+                for batch in file.iter_batches(BATCH, row_groups=[group]):
+                    none = False
+                    yield group, self._frame(batch)
+            if none:
+                yield 0, self._frame(file.schema_arrow.empty_table())
+
+    def _frame(self, rows: Any) -> Any:
+        geopandas = import_extra("geopandas", "points", "gis")
+        shapely = import_extra("shapely", "points", "gis")
+        frame = rows.to_pandas()
+        return geopandas.GeoDataFrame(frame, geometry=shapely.from_wkb(frame.pop(self._column)))
+
+
+def _points_of(frame: Any, file: str, flat: bool, first: int = 0) -> Sensors:
+    """The points of a frame, whose rows are those of a file from `first` on."""
     shapely = import_extra("shapely", "points of vector files", "gis")
     shapes = np.asarray(frame.geometry.array, object)
     for k, shape in enumerate(shapes):
         if shape is None or shape.geom_type != "Point" or shape.is_empty:
             what = "nothing" if shape is None or shape.is_empty else f"a {shape.geom_type}"
-            raise InputError(f"{file}: row {k + 1} is {what}, not a point; give a layer of points")
+            raise InputError(f"{file}: row {first + k + 1} is {what}, not a point; give a layer of points")
     at = shapely.get_coordinates(shapes, include_z=True).reshape(-1, 3)
     columns = {str(name): frame[name] for name in frame.columns if name != frame.geometry.name}
     heights = next((name for name in columns if name.lower() == "z"), None)

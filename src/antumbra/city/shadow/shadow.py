@@ -61,7 +61,7 @@ def shadow(
     Parameters
     ----------
     scene : Scene, or anything that `antumbra.load` takes
-        A scene in a store needs cells.
+        The triangles of a store fit in memory, or there are cells.
     surface : Scene, or anything that `antumbra.load` takes, optional
         The scene on whose highest surfaces cells lie: the one without trees, if `scene` has the trees of
         `antumbra.from_trees`. None: `scene`.
@@ -145,7 +145,7 @@ def _on_plane(scene: AnyScene, moment: _Moment, options: ShadowOptions, executor
     height = float(corners[..., 2].min()) if options.plane is None else options.plane
     projection = projection_of(_on_map(scene, moment.suns.directions)[0], height)
     groups = _casters(scene, options.casters)
-    apart = options.by == "object"
+    apart = options.per == "object"
 
     def work(first: int, last: int) -> dict[str, np.ndarray]:
         shapes = []
@@ -154,7 +154,7 @@ def _on_plane(scene: AnyScene, moment: _Moment, options: ShadowOptions, executor
             shapes.append(_beside(shape, corners[faces], height) if apart and not options.footprints else shape)
         return _packed(shapes)
 
-    settings = moment.suns.directions, height, options.casters, options.by, options.footprints
+    settings = moment.suns.directions, height, options.casters, options.per, options.footprints
     parts_about = None
     if executor.folder is not None:
         parts_about = about_parts("shadow on a plane", scene_digest(scene, 0.0, options.threads), *settings)

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from ...work.executors import Executor
     from .shadow_polygons import Shadow
 
-_SUFFIXES = ".gpkg", ".geojson", ".parquet", ".tif", ".html"
+_SUFFIXES = ".gpkg", ".geojson", ".parquet", ".tif", ".zarr", ".html"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,14 +49,14 @@ class ShadowCommand(StudyCommand[ShadowOptions, "Shadow"]):
     \b
     Outputs
       .gpkg .geojson .parquet    polygons with their area; GeoJSON in WGS 84
-      .tif                       GeoTIFF of the cells
+      .tif .zarr                 GeoTIFF or Zarr of the cells
       .html                      a page with the shadow on the scene, which any browser opens offline
       --map .pdf                 map sheet for a report, also .svg and .png
 
     \b
     Examples
       antumbra shadow city.city.json --at 2026-06-21T15:00 --timezone Europe/Amsterdam -o shadow.gpkg
-      antumbra shadow city.city.json --at 2026-06-21T15:00 --by object --casters "Building*" -o shadows.parquet
+      antumbra shadow city.city.json --at 2026-06-21T15:00 --per object --casters "Building*" -o shadows.parquet
       antumbra shadow city.city.json --days 2026-03-21 --cell 0.5 --classes 0,2,4,6 -o hours.gpkg -o hours.tif
       antumbra shadow city.city.json --days 2026-06-21 --trees "trees.gpkg?height=h&radius=r&transmittance=0.2" -o h.tif
       antumbra shadow city.city.json --at 2026-12-21T12:00 --map sheet.pdf
@@ -88,15 +88,11 @@ class ShadowCommand(StudyCommand[ShadowOptions, "Shadow"]):
     files: ClassVar[str | None] = "files"
     records_trees: ClassVar[bool] = True
 
-    @property
-    def needs_memory(self) -> bool:
-        return self.options.on_plane
-
     def check(self) -> None:
         position_of(self)
         self.options.check_moment()
-        if self.before and self.options.by == "object":
-            raise InputError("--before compares the whole shadow; leave --by object out")
+        if self.before and self.options.per == "object":
+            raise InputError("--before compares the whole shadow; leave --per object out")
         if self.tree_spec is not None and self.options.on_plane:
             why = "the outline on a plane is that of solid crowns; with --cell SIZE, they let light pass"
             self.tree_spec.check_solid(why)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ...base.extras import import_extra
+from ...base.wording import counted
 from ..sheets.map_frame import Extent, MapFit, bounds_of, draw_frame
 from ..sheets.method_facts import minutes_text, place_facts, unit_of
 from ..sheets.page import Column, Page
@@ -26,7 +27,7 @@ _CHANGES = {"new": "#b2182b", "gone": "#4393c3", "both": "#b9c0ca"}
 _MOST_ROWS = 1000
 
 
-class _Group(NamedTuple):
+class _ColourGroup(NamedTuple):
     """Polygons of one colour."""
 
     name: str
@@ -73,27 +74,27 @@ def _draw_map(shadow: Any, page: Page, fit: MapFit | None, sheet: Sheet) -> None
     panel.facts(shadow_facts(shadow))
 
 
-def groups_of(shadow: Any) -> list[_Group]:
+def groups_of(shadow: Any) -> list[_ColourGroup]:
     """The classes of hours, or all polygons."""
     columns = shadow.columns
     if "change" in columns:
         return [
-            _Group(name, colour, list(shadow.polygons[rows]), float(columns["area"][rows].sum()))
+            _ColourGroup(name, colour, list(shadow.polygons[rows]), float(columns["area"][rows].sum()))
             for name, colour in _CHANGES.items()
             if (rows := columns["change"] == name).any()
         ]
     if "hours_from" not in columns:
-        return [_Group("shadow", _SHADOW, list(shadow.polygons), shadow.area)]
+        return [_ColourGroup("shadow", _SHADOW, list(shadow.polygons), shadow.area)]
     scale = range_scale(columns["hours_from"], columns["hours_to"], "h")
-    groups = list[_Group]()
+    groups = list[_ColourGroup]()
     for each in scale.classes:
         rows = columns["hours_from"] == each.value
         colour = tuple(part / 255.0 for part in each.colour)
-        groups.append(_Group(each.name, colour, list(shadow.polygons[rows]), float(columns["area"][rows].sum())))
+        groups.append(_ColourGroup(each.name, colour, list(shadow.polygons[rows]), float(columns["area"][rows].sum())))
     return groups
 
 
-def _draw_polygons(axes: "Axes", group: _Group) -> None:
+def _draw_polygons(axes: "Axes", group: _ColourGroup) -> None:
     """Draw polygons with their holes."""
     from matplotlib.collections import PathCollection
     from matplotlib.path import Path
@@ -141,7 +142,7 @@ def _table(shadow: Any) -> SheetTable:
     note = ""
     if len(order) > _MOST_ROWS:
         order = np.sort(np.argsort(-columns["area"], kind="stable")[:_MOST_ROWS])
-        note = f"The {_MOST_ROWS:,} largest of {len(shadow.polygons):,} polygons."
+        note = f"The {_MOST_ROWS:,} largest of {counted(len(shadow.polygons), 'polygon')}."
     rows = [[str(k + 1), *(cell_text(values[k]) for values in columns.values())] for k in order.tolist()]
     right = frozenset(k + 1 for k, values in enumerate(columns.values()) if values.dtype.kind in "fiu")
     return SheetTable("Polygons", ["polygon", *headers], rows, right | {0}, note=note)

@@ -98,7 +98,9 @@ class ShadowOptions:
     )
     """Side of a raster cell, world units: polygons follow the edges of cells, whose centres are traced exactly. None:
     1 m for `days`, else no raster, but the exact outline of the shadow on a plane."""
-    by: str = option("shadow", Choice(("shadow", "object")), "On a plane: one row per connected shadow, or per object.")
+    per: str = option(
+        "shadow", Choice(("shadow", "object")), "On a plane: one row per connected shadow, or per object."
+    )
     """On a plane, "shadow": a row for each connected part of the shadow; "object": a row for each object, such as a
     building with all its parts, whose shadows may overlap."""
     casters: str | Sequence[str] | None = option(

@@ -9,24 +9,26 @@ import numpy as np
 from ...base.errors import InputError
 from ...base.extras import import_extra
 from ...base.files import checked_output
+from ...base.wording import counted
 from ...engine.scene import AnyScene
 from ...web.kernel_module import kernel_module
 from ...web.scene_page import Page
 from ...work.result_summary import Summary, SummaryTable, heading, text_of
+from ..sheets.method_facts import position_text
 from ..sheets.page import check_map
 from ..sheets.sheet import save_report
 from ..sheets.sheet_options import Sheet, checked_sheet
 from ..tables.map_scale import range_scale
 from ..tables.polygon_files import VECTORS, check_polygon_output, level_crs, write_polygons
 from ..tables.qgis_style import VectorStyle, write_style
-from ..tables.result_table import Table, raster_style
+from ..tables.result_table import BANDS, Table, raster_style, writer_of
 from .shadow_map import shadow_report
 from .shadow_page import plane_page
 
 if TYPE_CHECKING:
     import geopandas
 
-SUFFIXES = *VECTORS, ".tif", ".html"
+SUFFIXES = *VECTORS, *BANDS, ".html"
 """Suffixes of the files that `Shadow.save` writes."""
 
 _LAYER = "shadow"
@@ -44,7 +46,7 @@ class Shadow(NamedTuple):
     scene: AnyScene | None = None  # whose walls a map shows
 
     def __repr__(self) -> str:
-        return f"Shadow({len(self.polygons)} polygons: {', '.join(self.columns)})"
+        return f"Shadow({counted(len(self.polygons), 'polygon')}: {', '.join(self.columns)})"
 
     @property
     def area(self) -> float:
@@ -55,13 +57,12 @@ class Shadow(NamedTuple):
         """The place, the sun or the days, and the polygons, if they are few; `seconds`: of the study."""
         about, n = self.about, len(self.polygons)
         values = {**about, "polygons": n, "area": self.area, "seconds": seconds}
-        place = f"{about['latitude']:.4f}, {about['longitude']:.4f}; north at {about['north']:.2f} degrees"
         if "sun_elevation" in about:
             sun = f"azimuth {about['sun_azimuth']:.1f}, elevation {about['sun_elevation']:.1f} degrees"
             when = "sun", f"{about['time']}: {sun}"
         else:
             when = "days", f"{about['days']}, {about['hours']:.1f} h of daylight"
-        lines = [("place", place), when, ("area", f"{self.area:,.1f} m2 in {n:,} polygons")]
+        lines = [("place", position_text(about)), when, ("area", f"{self.area:,.1f} m2 in {counted(n, 'polygon')}")]
         if n > _MOST_ROWS:
             return Summary(values, lines)
         columns = {name: column.tolist() for name, column in self.columns.items()}
@@ -87,8 +88,8 @@ class Shadow(NamedTuple):
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the polygons in the format of the suffix: .gpkg, .geojson or .parquet (GeoParquet).
 
-        .tif is a GeoTIFF of the cells, .html a `page`. GeoJSON is in WGS 84 if the CRS is known. All formats need
-        ``antumbra[gis]``.
+        .tif is a GeoTIFF of the cells, .zarr a Zarr store of them, .html a `page`. GeoJSON is in WGS 84 if the CRS is
+        known. All formats need ``antumbra[gis]``.
         If the CRS is known, a .qml file beside it is the style in which QGIS opens it.
 
         Raises
@@ -101,10 +102,11 @@ class Shadow(NamedTuple):
         if suffix == ".html":
             self.page(target)
             return
-        if suffix == ".tif":
+        if suffix in BANDS:
             assert self.table is not None
             self.table.save(target)
-            self._write_style(target)
+            if suffix == ".tif":
+                self._write_style(target)
             return
         frame = self.frame()
         write_polygons(target, frame, _LAYER)
@@ -181,10 +183,10 @@ def check_shadow_output(path: str | os.PathLike[str], raster: bool) -> Path:
     """The path; an InputError, before long work, unless `Shadow.save` can write to it. `raster`: with cells."""
     target = checked_output(path, SUFFIXES)
     suffix = target.suffix.lower()
-    if suffix == ".tif" and not raster:
-        raise InputError(f"{target.name}: a GeoTIFF needs cells; give their size as cell, such as 1, or use .gpkg")
-    if suffix == ".tif":
-        import_extra("rasterio", suffix, "gis")
+    if suffix in BANDS and not raster:
+        raise InputError(f"{target.name}: a raster needs cells; give their size as cell, such as 1, or use .gpkg")
+    if suffix in BANDS:
+        writer_of(target, "raster")
         return target
     if suffix == ".html":
         kernel_module()

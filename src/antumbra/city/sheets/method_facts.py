@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ...base.errors import InputError
+from ...base.wording import counted
 from ...engine.scene import AnyScene
 from ...formats.stated_licence import licence_in
 from ...scene.crs import parts_of_crs
@@ -88,6 +89,13 @@ def day_of(about: dict[str, Any]) -> date | None:
 def minutes_text(text: object) -> str:
     """A time without its seconds."""
     return str(text).replace("T", " ")[:16]
+
+
+def position_text(about: dict[str, Any]) -> str:
+    """The place of a study, and the direction of true north unless that is the northing of its coordinates."""
+    turned = f"{about['north']:.2f}"
+    north = "" if float(turned) == 0.0 else f"; true north at {turned} degrees"
+    return f"{about['latitude']:.4f}, {about['longitude']:.4f}{north}"
 
 
 def above_text(about: dict[str, Any]) -> str:
@@ -192,7 +200,7 @@ def source_facts(
         file, mark, options = str(name).partition("?")
         yield "scene", f"{Path(file).name}{mark}{options}"  # without the folders of this machine
     if scene is not None:
-        yield "contents", f"{scene.n_triangles:,} triangles, {len(scene.objects):,} objects"
+        yield "contents", f"{counted(scene.n_triangles, 'triangle')}, {counted(len(scene.objects), 'object')}"
     if about.get("crs"):
         yield "reference system", crs_text(str(about["crs"]))
     unit = unit_of(about)
@@ -219,7 +227,7 @@ def file_text(path: Path) -> str:
     """The size and the digest of a file; of a folder, the number of its files."""
     try:
         if path.is_dir():
-            return f"a folder of {sum(1 for _ in path.iterdir()):,} files"
+            return f"a folder of {counted(sum(1 for _ in path.iterdir()), 'file')}"
         digest = hashlib.sha256()
         with open(path, "rb") as file:
             while data := file.read(_PIECE):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ...engine.scene import AnyScene
 from ...scene.scene_bounds import plan_bounds, plan_points
+from ...store.store_data import ALL_BYTES
 from ..cityjson.surface_types import BUILT
 from ..sensors.sensors import LOW, on_top
 from .map_frame import Extent
@@ -48,16 +49,17 @@ def outlines_of(scene: AnyScene, extent: Extent | None = None) -> NDArray[np.flo
     """(n, 2, 2) float64: the walls of a scene in plan, each once: upright faces at least a metre high.
 
     Of a city model, only those of buildings and other constructions count. A raster of heights has none, nor has a
-    scene in a store or one whose faces would take too much memory.
+    scene whose faces would take too much memory.
 
     extent : only walls that reach into it; None: all
     """
-    if not scene.data.resident or scene.data.terrain is not None or scene.n_triangles > _MOST_FACES:
+    n, terrain = scene.n_triangles, scene.data.terrain
+    if terrain is not None or n > _MOST_FACES or not scene.data.fits(ALL_BYTES):
         return np.empty((0, 2, 2))
     triangles, built = scene.triangles(), None
-    if scene.city is not None and any(scene.city.types):
-        names = np.array([each.startswith(BUILT) for each in scene.city.types])
-        built = names[scene.city.object_of_face]
+    types = [each.type for each in scene.objects]
+    if any(types):
+        built = np.array([not kind or kind.startswith(BUILT) for kind in types])[scene.object_of_face]
     lines = [np.empty((0, 2, 2))]
     for first in range(0, len(triangles.vertices), _FACES):
         corners = triangles.vertices[first : first + _FACES].astype(np.float64) + triangles.origin
@@ -143,7 +145,7 @@ def hillshade(scene: AnyScene, extent: Extent, columns: int, rows: int) -> NDArr
 def _heights(scene: AnyScene, plan: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) float64: the height of the highest surface at each position; NaN: none."""
     if (terrain := scene.data.terrain) is not None:
-        cells, last = terrain.grid.cells_of(plan), np.array(terrain.heights.shape[::-1]) - 1
+        cells, last = terrain.grid.cells_of(plan), np.array([terrain.grid.columns, terrain.grid.rows]) - 1
         within = ((cells >= -0.5) & (cells <= last + 0.5)).all(1)  # the surface ends in the centres of the outer cells
         column, row = np.clip(cells, 0, last).T
         return np.where(within, terrain.at_cells(column, row), np.nan)

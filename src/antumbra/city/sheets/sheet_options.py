@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields, replace
 
 from ...base.checks import checked_instance, choice, items, number, parts_of, path_of, quoted, spelling_hint
 from ...base.errors import InputError
+from ...base.wording import counted
 
 PAPERS = {"a4": (210.0, 297.0), "a3": (297.0, 420.0), "letter": (215.9, 279.4), "tabloid": (279.4, 431.8)}
 """Name -> width and height in millimetres, upright."""
@@ -119,7 +120,7 @@ def _check_line(value: object, name: str) -> None:
     if not isinstance(value, str) or "\n" in value or not value.strip():
         raise InputError(f"{name} is {quoted(value)}; give one line of text, or leave it out")
     if len(value) > _MOST_LETTERS:
-        raise InputError(f"{name} has {len(value)} characters; give at most {_MOST_LETTERS}")
+        raise InputError(f"{name} has {counted(len(value), 'character')}; give at most {_MOST_LETTERS}")
 
 
 def _checked_scale(scale: object) -> float:

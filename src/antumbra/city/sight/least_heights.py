@@ -272,7 +272,7 @@ def least_heights_of(scene: AnyScene, eye: NDArray[np.float64], drop: float, thr
     tree, relief = terrain.pyramid.relief
     here = ReliefEye(float(column), float(row), float(eye[2] - scene.origin[2]), drop, grid.dx, grid.dy)
     heights = least_heights(tree, relief, here, threads).reshape(-1)
-    ground = surface.at_cells(np.array([column]), np.array([row]))[0]
+    ground = surface.at(eye[None, :2])[0]
     return np.where(np.isnan(heights), np.nan, np.inf) if eye[2] < ground else heights
 
 

@@ -10,6 +10,7 @@ import typer
 
 from ...base.errors import InputError
 from ...base.option_fields import field_values
+from ...base.wording import some_of
 from ...cli.options import LISTED_LAST, CrsOption, ListedBefore, MapOption, SceneArgument, SheetOption, UpOption, tables
 from ...cli.scene_arguments import DEFAULT_SCENE, BeforeOption
 from ...cli.shards import MergeOption, RayOption, ShardOption
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from .sightlines import PairList, Sightlines
 
 _MODEL = ".glb"
-_SUFFIXES = ".csv", ".parquet", ".json", ".npz", _MODEL
+_SUFFIXES = ".csv", ".parquet", ".parquets", ".json", ".npz", _MODEL
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,10 +80,6 @@ class LosCommand(StudyCommand[SightOptions, "list[Sightlines]"]):
     shard: Annotated[ShardOption, LISTED_LAST] = None
     ray: RayOption = None
     merge: MergeOption = None
-
-    @property
-    def needs_memory(self) -> bool:
-        return True
 
     def check(self) -> None:
         from .sightlines import check_pairs, pairs_of
@@ -173,7 +170,7 @@ class LosCommand(StudyCommand[SightOptions, "list[Sightlines]"]):
         if len(result) == 1:
             return summary
         n = int(result[0].visible.sum())
-        lines = [("visible before", f"{n:,} of {result[0].visible.size:,} pairs"), *summary.lines]
+        lines = [("visible before", f"{some_of(n, result[0].visible.size, 'pair')}"), *summary.lines]
         return summary._replace(values={**summary.values, "visible_before": n}, lines=lines)
 
 

@@ -56,7 +56,9 @@ class MatrixCommand(StudyCommand[MatrixOptions, "list[VisibilityMatrix]"]):
     sensors: SensorsOption = "face"
     targets: Annotated[
         str | None,
-        typer.Option(help="Targets, same forms as --sensors.  [default: the sensors]", show_default=False),
+        typer.Option(
+            help="Targets, same forms as --sensors.  [default: the sensors]", metavar="SENSORS", show_default=False
+        ),
     ] = None
     output: Annotated[
         Path | None,

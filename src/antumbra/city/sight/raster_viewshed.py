@@ -1,7 +1,7 @@
 """`save_raster_viewshed`: the viewshed of the cells of a raster file, in bands, without the scene's triangles.
 
-It needs about 5 bytes a cell, and an eighth for each observer, where `viewshed` needs about 200. The GeoTIFF is that of
-the table of `viewshed`, band for band and bit for bit.
+It needs about 5 bytes a cell, and an eighth for each observer, where `viewshed` needs 64 or more. The GeoTIFF is that
+of the table of `viewshed`, band for band and bit for bit.
 """
 
 import os
@@ -16,6 +16,8 @@ from ...base.errors import InputError
 from ...base.files import checked_output
 from ...base.memory import available_memory, readable_size
 from ...base.progress import ProgressCallback
+from ...base.wording import counted, place_text
+from ...engine.measured_scenes import measured_scene
 from ...engine.precompilation import precompile
 from ...engine.scene import Scene
 from ...kernels.parallel import thread_count
@@ -24,15 +26,21 @@ from ...scene.raster import Raster
 from ...trace.terrain.terrain_views import SEEN, UNDECIDED, decided, view_from
 from ...work.result_summary import Summary
 from ..gis.height_files import HeightFile
-from ..gis.height_grounds import HeightGround, height_ground
+from ..gis.height_grounds import HeightGround, height_ground, plane_of
 from ..sensors.point_checks import notes_on_bare_points, notes_on_points, tell
 from ..sensors.sensors import Sensors, point_sensors
-from ..tables.result_table import tiff_of_bands
+from ..tables.result_table import BANDS
 from .observers import Observers, observers_of
 from .viewshed_options import ViewshedOptions
 
-CELL_BYTES = 200
-"""Memory of a cell of a raster in `viewshed`, with its scene."""
+CELL_BYTES = 64
+"""Memory of a cell of a raster in `viewshed`, with its scene, if sensors are made and written by block."""
+
+CURVED_BYTES = 112
+"""Memory of a cell with the lowered copy of the scene."""
+
+TABLE_BYTES = 200
+"""Memory of a cell if the table is in memory."""
 
 _BANDS = "seen", "first", "nearest", "distance"
 _ROWS = 256  # written at a time; a multiple of the blocks of the file
@@ -46,10 +54,9 @@ class RasterNeed(NamedTuple):
     cells: int
     observers: int
 
-    @property
-    def whole(self) -> float:
-        """Bytes of `viewshed`."""
-        return _LEAST + CELL_BYTES * self.cells
+    def whole(self, by_block: bool, curved: bool) -> float:
+        """Bytes of `viewshed`; `by_block`: its table is never in memory."""
+        return _LEAST + (TABLE_BYTES if not by_block else CURVED_BYTES if curved else CELL_BYTES) * self.cells
 
     def banded(self, in_memory: bool) -> float:
         """Bytes of `save_raster_viewshed`, with the heights in memory or in a scratch file."""
@@ -59,7 +66,7 @@ class RasterNeed(NamedTuple):
         """Raise an InputError if not even bands fit; `name`: of the raster."""
         if self.banded(False) > limit:
             raise InputError(
-                f"{name}: a viewshed of {self.cells:,} cells and {self.observers} observers takes about "
+                f"{name}: a viewshed of {self.cells:,} cells and {counted(self.observers, 'observer')} takes about "
                 f"{readable_size(self.banded(False))} of memory, more than {readable_size(limit)}; give fewer "
                 "observers, raise --max-memory, or cut the raster with gdal_translate -projwin"
             )
@@ -89,13 +96,13 @@ def save_raster_viewshed(
     file: HeightFile, output: str | os.PathLike[str], observers: ArrayLike | Sensors, options: ViewshedOptions,
     progress: ProgressCallback, height: float = 0.0, max_memory: int | None = None,
 ) -> RasterViewshed:  # fmt: skip
-    """Write the viewshed of the cells of a raster file as a GeoTIFF.
+    """Write the viewshed of the cells of a raster file as a GeoTIFF or in Zarr.
 
     Parameters
     ----------
     file : HeightFile
     output : str or path-like
-        A .tif file with the bands ``seen``, ``first``, ``nearest`` and ``distance``; NaN: no surface.
+        A .tif or .zarr file with the bands ``seen``, ``first``, ``nearest`` and ``distance``; NaN: no surface.
     observers : (3,) or (k, 3) float, or Sensors
         As for `antumbra.viewshed`.
     options : ViewshedOptions
@@ -116,7 +123,7 @@ def save_raster_viewshed(
     UserWarning
         As `antumbra.viewshed`, for observers.
     """
-    target, height = checked_output(output, (".tif",)), number(height, "the height of sensors")
+    target, height = checked_output(output, tuple(BANDS)), number(height, "the height of sensors")
     raster = file.grid.raster(file.crs)
     if raster is None:
         raise InputError(f"{file.path.name}: its cells are not square; warp it to square cells: gdalwarp -tr SIZE SIZE")
@@ -125,6 +132,7 @@ def save_raster_viewshed(
             raise InputError(
                 f"{file.path.name}: {name} needs its cells in memory at once; leave it out, or cut the raster"
             )
+    measured_scene(Scene.of_data(plane_of(file)))
     rows = observers if isinstance(observers, Sensors) else point_sensors(np.atleast_2d(np.asarray(observers)))
     limit, need = max_memory or available_memory() or np.inf, RasterNeed(raster.n_cells, len(rows))
     need.check(file.path.name, limit)
@@ -143,7 +151,7 @@ def save_raster_viewshed(
         about = about if file.crs is None else {"crs": file.crs, **about}
         units = {"seen": "", "first": "", "nearest": "", "distance": unit.name}
         sensors = seen = 0
-        with tiff_of_bands(target, raster, units, about) as write:
+        with BANDS[target.suffix.lower()](target, raster, units, about) as write:
             for first, part in _parts(ground, raster, seers, bits, height):
                 write(first, part)
                 progress(2 * raster.rows + first, 3 * raster.rows)
@@ -171,7 +179,7 @@ def _seen_by(
     at = Receivers.in_space(eye[None], ground.origin).origins[0, 0]
     classes = view_from(ground.ground, at, height, threads)
     if classes is None:
-        where = ",".join(f"{each:.10g}" for each in eye)
+        where = place_text(eye)
         raise InputError(
             f"{ground.file.path.name}: the eye at {where} is not above the surface; raise it with --eye-height"
         )
@@ -192,13 +200,18 @@ def _seen_by(
 def _parts(
     ground: HeightGround, raster: Raster, observers: Observers, bits: list[NDArray[np.uint8]], height: float
 ) -> Iterator[tuple[int, NDArray[np.float32]]]:
-    """Yield (first row, (bands, rows, columns) float32) for all rows."""
+    """Yield (first row, (bands, rows, columns) float32) for all rows; the array is used again."""
+    part, is_unseen = np.empty((len(_BANDS), 0, raster.columns), np.float32), False
     for first in range(0, raster.rows, _ROWS):
         last = min(first + _ROWS, raster.rows)
-        part = np.empty((len(_BANDS), last - first, raster.columns), np.float32)
-        for band, value in zip(part, (0.0, -1.0, -1.0, np.nan)):
-            band[:] = value
+        if part.shape[1] != last - first:
+            part, is_unseen = np.empty((len(_BANDS), last - first, raster.columns), np.float32), False
+        if not is_unseen:
+            for band, value in zip(part, (0.0, -1.0, -1.0, np.nan)):
+                band[:] = value
+        is_unseen = True
         if any(each[first:last].any() for each in bits):
+            is_unseen = False
             heights, distances = ground.heights(first, last).reshape(-1), np.full(part[0].size, np.inf)
             seen, lowest, nearest, shown = part.reshape(len(part), -1)
             for k, limits in enumerate(observers.limits):
@@ -214,16 +227,6 @@ def _parts(
                 nearer = distance < distances[at]
                 distances[at[nearer]], nearest[at[nearer]], shown[at[nearer]] = distance[nearer], k, distance[nearer]
         if np.isnan(ground.ground.z[first:last].min()):
+            is_unseen = False
             part[:, np.isnan(ground.ground.z[first:last])] = np.nan
         yield first, part
-
-
-def raster_height(form: str) -> float | None:
-    """The height above the cells of a raster in a text of sensors such as "raster+1.6"; None: it names others."""
-    if form == "raster":
-        return 0.0
-    start, _, rest = form.partition("+")
-    try:
-        return float(rest) if start == "raster" else None
-    except ValueError:
-        return None

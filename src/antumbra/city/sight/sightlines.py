@@ -11,6 +11,7 @@ from ...base.checks import as_array
 from ...base.errors import InputError
 from ...base.option_fields import Given, with_keywords
 from ...base.progress import Progress, with_progress
+from ...base.wording import counted, some_of
 from ...engine.engine import Engine
 from ...engine.measured_scenes import measured_scene
 from ...engine.scene import AnyScene
@@ -24,8 +25,9 @@ from ...work.scene_records import scene_digest
 from ...work.work_parts import Parts, about_parts
 from ..sensors.point_attributes import Attributes
 from ..sensors.point_checks import notes_on_points, notes_on_sensors, tell
-from ..sensors.sensor_files import SUFFIXES, attributes_of, check_point_file, read_array, read_columns
+from ..sensors.sensor_files import SUFFIXES, check_point_file, read_array
 from ..sensors.sensors import Sensors, corners_of, point_sensors
+from ..sensors.table_rows import read_table
 from ..tables.false_colours import ColouredMesh, coloured_glb
 from ..tables.result_table import Column, Table
 from .sight_options import SightOptions
@@ -137,7 +139,7 @@ def line_of_sight(
         given_arrays = [array for array in pairs if array is not None]
         present = [array is not None for array in pairs]
         about = about_parts("sight lines", scene_digest(scene, scene.clamped(time), threads), present, *given_arrays)
-    parts = Parts(f"{n} lines of sight", n, PAIRS_PER_PART, work, executor.folder, about)
+    parts = Parts(f"{counted(n, 'line')} of sight", n, PAIRS_PER_PART, work, executor.folder, about)
     if not executor.finish([parts]):
         return None  # type: ignore[return-value]  # a shard, of a command
     blocks = parts.joined(("t", "face")) if n else _blocks(pairs, scene.engine, time, threads)
@@ -206,13 +208,13 @@ def _as_faces(faces: np.ndarray, count: int) -> np.ndarray:
 
 
 def _blocks(pairs: _Pairs, engine: Engine, time: float, threads: int) -> dict[str, np.ndarray]:
-    """The block of each pair: t (n,) float64 from 0 to 1, NaN if visible; face (n,) int32."""
+    """The block of each pair: t (n,) float64 from 0 to 1, NaN if visible; face (n,), as in `AllHits`."""
     n = len(pairs.begin)
     hits = engine.segment_hits(pairs.begin, pairs.end, pairs.begin_face, time, threads)
     ray = hits.ray
     other = hits.face != pairs.end_face[ray]
     blocked, nearest = np.unique(ray[other], return_index=True)  # hits are sorted
-    first_t, face = np.full(n, np.nan), np.full(n, -1, np.int32)
+    first_t, face = np.full(n, np.nan), np.full(n, -1, hits.face.dtype)
     first_t[blocked], face[blocked] = hits.t[other][nearest], hits.face[other][nearest]
     for unit, surface_face, place, sign in (
         (pairs.end_unit, pairs.end_face, 1.0, -1.0),
@@ -279,7 +281,7 @@ def read_pairs(path: Path) -> PairList:
             )
         ends = array.astype(np.float64)
         return PairList(ends[:, :3], ends[:, 3:], None, None, None, None)
-    columns = read_columns(path, (*_ENDS, *_NORMALS, *_FACES))
+    columns, others = read_table(path, (*_ENDS, *_NORMALS, *_FACES))
     missing = [name for name in _ENDS if name not in columns]
     if missing:
         raise InputError(f"{path.name}: column {missing[0]!r} is missing; pairs need the columns {', '.join(_ENDS)}")
@@ -287,7 +289,6 @@ def read_pairs(path: Path) -> PairList:
     observers, targets = _vectors(columns, _ENDS[:3]), _vectors(columns, _ENDS[3:])
     assert observers is not None and targets is not None
     normals, target_normals = _vectors(columns, _NORMALS[:3]), _vectors(columns, _NORMALS[3:])
-    others = attributes_of(path, columns, len(observers))
     return PairList(observers, targets, normals, target_normals, first, second, others)
 
 
@@ -306,11 +307,13 @@ def pairs_of(text: str, observers: Sensors, targets: Sensors) -> PairList:
         first, second = (index.ravel() for index in np.indices((len(observers), len(targets))))
     elif text == "zip":
         if len(observers) != len(targets):
-            raise InputError(f"--pairs zip: there are {len(observers)} observers and {len(targets)} targets; use all")
+            raise InputError(
+                f"--pairs zip: there are {counted(len(observers), 'observer')} and "
+                f"{counted(len(targets), 'target')}; use all"
+            )
         first = second = np.arange(len(observers))
     else:
-        first, second = _indices(Path(text), len(observers), len(targets))
-        own = attributes_of(Path(text), _INDICES, len(first))
+        first, second, own = _indices(Path(text), len(observers), len(targets))
     fields = (observers.normals, first), (targets.normals, second), (observers.faces, first), (targets.faces, second)
     normals, target_normals, faces, target_faces = (None if array is None else array[k] for array, k in fields)
     sides = ("from", observers, first), ("to", targets, second)
@@ -319,19 +322,20 @@ def pairs_of(text: str, observers: Sensors, targets: Sensors) -> PairList:
     return PairList(*ends, normals, target_normals, faces, target_faces, others)
 
 
-def _indices(path: Path, observers: int, targets: int) -> tuple[np.ndarray, np.ndarray]:
+def _indices(path: Path, observers: int, targets: int) -> tuple[np.ndarray, np.ndarray, Attributes]:
+    others: Attributes = {}
     if path.suffix.lower() == ".npy":
         array = read_array(path)
         columns = dict(zip(_INDICES, array.T)) if array.ndim == 2 and array.shape[1] == 2 else {}
     else:
-        columns = read_columns(path, _INDICES)
+        columns, others = read_table(path, _INDICES)
     if len(columns) < 2:
         raise InputError(f"{path.name}: pairs of points need the columns from and to, indices from 0")
     for name, count in zip(_INDICES, (observers, targets)):
         values = columns[name]
         if (values != np.floor(values)).any() or (values < 0).any() or (values >= count).any():
             raise InputError(f"{path.name}: column {name!r} must hold whole numbers from 0 to {count - 1}")
-    return columns["from"].astype(np.int64), columns["to"].astype(np.int64)
+    return columns["from"].astype(np.int64), columns["to"].astype(np.int64), others
 
 
 # --- Tables, and models with lines that are green up to the block and red beyond it -----------------------------------
@@ -366,7 +370,7 @@ def sight_summary(scene: AnyScene, pairs: PairList, sightlines: Sightlines, seco
     """How many pairs see each other, and what blocks each other one, if they are few; `seconds`: of the study."""
     n, visible = len(pairs.observers), int(sightlines.visible.sum())
     values = {"scene": scene.name, "pairs": n, "visible": visible, "seconds": seconds}
-    lines = [("visible", f"{visible:,} of {n:,} pairs")]
+    lines = [("visible", f"{some_of(visible, n, 'pair')}")]
     if n > _MOST_LINES:
         return Summary(values, lines)
     records = [_record(scene, pairs, sightlines, k) for k in range(n)]
@@ -386,22 +390,31 @@ def _record(scene: AnyScene, pairs: PairList, sightlines: Sightlines, k: int) ->
         "face": face if face >= 0 else "",
         "distance": "" if visible else round(float(sightlines.distance[k]), 4),
     }
-    if scene.city is None or blocker < 0:
+    if not _has_types(scene) or blocker < 0:
         return record
     thing = scene.objects[blocker]
-    return record | {"type": thing.type, "parent": thing.parent, "surface": str(scene.city.surface_types(face))}
+    surface = {} if scene.city is None else {"surface": str(scene.city.surface_types(face))}
+    return record | {"type": thing.type, "parent": thing.parent} | surface
 
 
 def _city_columns(scene: AnyScene, sightlines: Sightlines) -> dict[str, Column]:
     """Attributes of the blocking face from a city model."""
-    if scene.city is None:
+    if not _has_types(scene):
         return {}
-    types, parents = (np.array([*names, ""]) for names in (scene.city.types, scene.city.parents))
-    return {
+    types, parents = (np.array([*(getattr(each, of) for each in scene.objects), ""]) for of in ("type", "parent"))
+    columns = {
         "type": Column(types[sightlines.object], "", "the object's type"),
         "parent": Column(parents[sightlines.object], "", "the object that it is a part of"),
-        "surface": Column(scene.city.surface_types(sightlines.face), "", "type of the face's semantic surface"),
     }
+    if scene.city is not None:
+        surfaces = scene.city.surface_types(sightlines.face)
+        columns["surface"] = Column(surfaces, "", "type of the face's semantic surface")
+    return columns
+
+
+def _has_types(scene: AnyScene) -> bool:
+    """Whether objects have types: those of a city model, also in a store."""
+    return scene.city is not None or scene.data.lacks_surfaces
 
 
 def sight_model(scene: AnyScene, pairs: PairList, sightlines: Sightlines) -> bytes:

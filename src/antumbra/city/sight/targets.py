@@ -11,6 +11,7 @@ from ...base.checks import number, points, text
 from ...base.errors import InputError
 from ...base.option_fields import Given, with_keywords
 from ...base.progress import Progress, with_progress
+from ...base.wording import counted
 from ...engine.measured_scenes import measured_scene
 from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike
@@ -28,6 +29,7 @@ from ..sensors.sensor_blocks import DescribedSensors, SensorBlocks
 from ..sensors.sensor_files import sensor_blocks
 from ..sensors.sensors import Sensors, point_sensors, sensors_from, sightline_ends
 from ..sensors.surface_grid import grid_sensors
+from ..tables.partitions import Partitions
 from ..tables.result_table import Column, Table
 from ..tables.table_blocks import TableBlocks
 from .sight_options import VisibleOptions
@@ -210,9 +212,12 @@ def visible_share(
 def visible_blocks(
     scene: SceneLike, options: VisibleOptions, sensors: SensorBlocks | str | ArrayLike,
     target: "Turbine | Sequence[Turbine] | Mapping[str, Turbine] | Sensors | ArrayLike", surface: "SceneLike | None",
-    keep: Keep,
+    keep: Keep, partitioned: bool = False,
 ) -> Table | TableBlocks | None:  # fmt: skip
-    """The table of `visible_share`, made by block if the sensors are described. Its `close` removes finished parts."""
+    """The table of `visible_share`, made by block if the sensors are described. Its `close` removes finished parts.
+
+    partitioned : as for `sun_blocks`
+    """
     keep, scene = checked_keep(keep), measured_scene(scene)
     threads, moment = thread_count(options.threads), scene.clamped(options.time)
     below = scene if surface is None else measured_scene(surface)
@@ -240,7 +245,8 @@ def visible_blocks(
     lines = cache(lambda: _lines_in(scene, earth, moment))
     if turbines is not None and not described and len(places) * len(turbines.each) > _MOST_SHARES:
         raise InputError(
-            f"{len(turbines.each)} turbines from {len(places)} sensors are {len(places) * len(turbines.each)} shares; "
+            f"{counted(len(turbines.each), 'turbine')} from {counted(len(places), 'sensor')} make "
+            f"{len(places) * len(turbines.each):,} shares; "
             "use fewer sensors, or fewer turbines at once"
         )
 
@@ -256,15 +262,11 @@ def visible_blocks(
         of = scene_digest(scene, moment, threads)
         about = about_parts("visible", of, inexact_plan(options.plan), settings, *places.description, *aims)
     noted = partial(notes_on_sensors, below, what="sensors", time=moment, threads=threads) if described else None
-    title = f"{len(places)} sensors, {total} points of the target"
+    title = f"{counted(len(places), 'sensor')}, {counted(total, 'point')} of the target"
     blocks = BlockParts(title, places, SENSORS_PER_PART, counts, executor.folder, about, noted)
-    if not executor.finish([blocks.parts]):
-        return None
-    if described:
-        warned = warned_by_block(notes, blocks)
     of_study: dict[str, Any] = {"job": "visible share", "samples": total}
     of_study |= {} if turbines is None else {"targets": turbines.names}
-    of_study |= curvature_record(options, scene) | warned
+    of_study |= curvature_record(options, scene)
 
     def table_of(some: Sensors, found: np.ndarray) -> Table:
         if turbines is None:
@@ -273,17 +275,28 @@ def visible_blocks(
             columns = _rotor_columns(found, turbines, options.samples, not isinstance(target, Turbine))
         return Table(some, columns, dict(of_study), scene, marks=marks)
 
+    def block_of(some: Sensors, k: int) -> Table:
+        return table_of(some, sums[k]["counts"])
+
+    sums, partitions = blocks.parts, None
+    if described is not None and partitioned and executor.folder is not None and len(described):
+        partitions = Partitions(blocks, [], block_of, described, scene, [of_study, isinstance(target, Turbine)])
+    if not executor.finish([blocks.parts]):
+        return None
+    of_study |= warned_by_block(notes, blocks) if described else warned
     close = partial(executor.end, [blocks.parts])
+    if partitions is not None:
+        made = lambda some, columns: Table(some, columns, dict(of_study), scene, marks=marks)
+        return TableBlocks.of_partitions(partitions, made, close)
     if described is None:
         table = table_of(cast(Sensors, places), blocks.whole()["counts"])
         close()
         return table
-    of_block = lambda some, k: table_of(some, blocks.parts[k]["counts"])
     whole = lambda some: table_of(some, blocks.whole()["counts"])
-    return TableBlocks(described, blocks.parts.ranges, of_block, whole, close)
+    return TableBlocks(described, blocks.parts.ranges, block_of, whole, close)
 
 
-class _Lines(NamedTuple):
+class _Sightlines(NamedTuple):
     """Where lines of sight are traced."""
 
     scene: AnyScene  # on a curved earth, the lowered one
@@ -295,13 +308,13 @@ class _Lines(NamedTuple):
         return sightline_ends(self.scene, sensors if self.earth is None else self.earth.lowered_sensors(sensors))
 
 
-def _lines_in(scene: AnyScene, earth: Earth | None, time: float) -> _Lines:
+def _lines_in(scene: AnyScene, earth: Earth | None, time: float) -> _Sightlines:
     """Lines of sight in a scene, on a curved earth if there is one."""
-    return _Lines(scene, time) if earth is None else _Lines(lowered_scene(scene, earth, time), 0.0, earth)
+    return _Sightlines(scene, time) if earth is None else _Sightlines(lowered_scene(scene, earth, time), 0.0, earth)
 
 
 def _counts_of_points(
-    lines: _Lines, places: Sensors, target: Sensors, options: VisibleOptions, later: int
+    lines: _Sightlines, places: Sensors, target: Sensors, options: VisibleOptions, later: int
 ) -> NDArray[np.int32]:
     """(n,) int32: the points of the target that each sensor sees; `later`: number of all sensors."""
     n, total, threads = len(places), len(target), thread_count(options.threads)
@@ -326,7 +339,9 @@ def _point_columns(counts: NDArray[np.int32], total: int) -> dict[str, Column]:
     }
 
 
-def _counts_of_rotors(lines: _Lines, places: Sensors, turbines: Turbines, options: VisibleOptions) -> NDArray[np.int32]:
+def _counts_of_rotors(
+    lines: _Sightlines, places: Sensors, turbines: Turbines, options: VisibleOptions
+) -> NDArray[np.int32]:
     """(n, k) int32: the sample points of each rotor that each sensor sees."""
     n, k, samples = len(places), len(turbines.each), options.samples
     counts, step, ends = np.zeros((n, k), np.int32), max(1024, _PAIRS // (samples * k)), lines.ends(places)

@@ -13,6 +13,7 @@ from ...base.errors import InputError
 from ...base.extras import import_extra
 from ...base.option_fields import Given, with_keywords
 from ...base.progress import Progress, with_progress
+from ...base.wording import counted
 from ...engine.measured_scenes import measured_scene
 from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike
@@ -33,6 +34,7 @@ from ..sensors.sensor_files import sensor_blocks
 from ..sensors.sensors import Sensors, point_sensors, sensors_from, sightline_ends
 from ..sheets.method_facts import unit_of
 from ..tables.bit_matrices import unpack_bits, words_of
+from ..tables.partitions import Partitions
 from ..tables.polygon_files import check_polygon_output, level_crs, outlines, write_polygons
 from ..tables.result_table import Column, Table
 from ..tables.table_blocks import TableBlocks
@@ -222,9 +224,12 @@ def viewshed(
 
 def viewshed_blocks(
     scene: SceneLike, options: ViewshedOptions, sensors: SensorBlocks | str | ArrayLike,
-    observers: ArrayLike | Sensors | LinePoints, surface: "SceneLike | None", keep: Keep,
+    observers: ArrayLike | Sensors | LinePoints, surface: "SceneLike | None", keep: Keep, partitioned: bool = False,
 ) -> Viewshed | None:  # fmt: skip
-    """`viewshed`, whose table is made by block if the sensors are described. Its `close` removes the finished parts."""
+    """`viewshed`, whose table is made by block if the sensors are described. Its `close` removes the finished parts.
+
+    partitioned : as for `sun_blocks`
+    """
     keep, scene = checked_keep(keep), measured_scene(scene)
     earth = earth_of(options, scene)
     threads, time = thread_count(options.threads), scene.clamped(options.time)
@@ -251,11 +256,13 @@ def viewshed_blocks(
         check_own_cells(scene, given_targets)
     if options.bits and 8 * n * words_of(k) > _MOST:
         raise InputError(
-            f"bits of {n} sensors and {k} observers take {n * k / 8e9:.1f} GB; visibility_matrix streams them"
+            f"bits of {counted(n, 'sensor')} and {counted(k, 'observer')} take {n * k / 8e9:.1f} GB; "
+            "visibility_matrix streams them"
         )
     if options.each and n * k > _MOST and not described:
         raise InputError(
-            f"columns of {n} sensors and {k} observers take {n * k / 1e9:.1f} GB; use bits instead of each"
+            f"columns of {counted(n, 'sensor')} and {counted(k, 'observer')} take {n * k / 1e9:.1f} GB; "
+            "use bits instead of each"
         )
     tracing = cache(lambda: _tracing(scene, earth, options, n * k))
     lengths = None if along is None else along.lengths
@@ -275,14 +282,11 @@ def viewshed_blocks(
         plan, curved = inexact_plan(options.plan), list(curvature_record(options, scene).values())
         about = about_parts("viewshed", scene_digest(scene, time, threads), plan, settings, curved, *of)
     noted = partial(notes_on_sensors, below, what="sensors", time=time, threads=threads) if described else None
-    blocks = BlockParts(f"{n} sensors, {k} observers", targets, size, sums, executor.folder, about, noted)
-    if not executor.finish([blocks.parts]):
-        return None
-    if described:
-        warned = warned_by_block(notes, blocks)
+    what = f"{counted(n, 'sensor')}, {counted(k, 'observer')}"
+    blocks = BlockParts(what, targets, size, sums, executor.folder, about, noted)
     recorded = ["eye_height", "min_distance", "max_distance", "azimuth", "elevation"]
     of_study = {"job": "viewshed", "observers": k, **{name: getattr(options, name) for name in recorded}}
-    of_study |= curvature_record(options, scene) | warned
+    of_study |= curvature_record(options, scene)
 
     def table_of(some: Sensors, found: Mapping[str, np.ndarray]) -> Table:
         arrays: dict[str, Any] = {name: found.get(name) for name in _Sight._fields}
@@ -292,11 +296,23 @@ def viewshed_blocks(
             columns |= _columns_of_each(sight.bits, seers.names)
         return Table(some, columns, dict(of_study), scene, marks=eyes)
 
+    parts, partitions = blocks.parts, None
+    block_of = lambda some, k: table_of(some, parts[k])
+    if described is not None and partitioned and executor.folder is not None and n:
+        columns_of = [of_study, options.each, list(seers.names)]
+        partitions = Partitions(blocks, [], block_of, described, scene, columns_of)
+    if not executor.finish([blocks.parts]):
+        return None
+    of_study |= warned_by_block(notes, blocks) if described else warned
     close = partial(executor.end, [blocks.parts])
     if described is not None:
-        of_block = lambda some, k: table_of(some, blocks.parts[k])
+        made = lambda some, columns: Table(some, columns, dict(of_study), scene, marks=eyes)
         whole = lambda some: table_of(some, blocks.whole())
-        table: Any = TableBlocks(described, blocks.parts.ranges, of_block, whole, close)
+        table: Any = (
+            TableBlocks(described, parts.ranges, block_of, whole, close)
+            if partitions is None
+            else TableBlocks.of_partitions(partitions, made, close)
+        )
         return Viewshed(table, eyes, None, seers.names)
     found = blocks.whole()
     close()

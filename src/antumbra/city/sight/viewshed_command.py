@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ...base.errors import InputError
+from ...base.option_fields import field_values
+from ...base.wording import counted
 from ...cli.arguments import make_camera, parse_camera, parse_interval
 from ...cli.console import say
 from ...cli.options import (
@@ -153,7 +155,9 @@ class ViewshedCommand(SensorStudy[ViewshedOptions, "Viewshed"]):
         """Run the command: in bands if the cells of a raster do not fit into memory."""
         from ...base.memory import memory_limit, readable_size
         from ..gis.gis_data import height_file
-        from .raster_viewshed import RasterNeed, raster_height
+        from ..gis.height_files import check_cells
+        from ..sensors.sensor_files import raster_height
+        from .raster_viewshed import RasterNeed
 
         if not self.spec.is_streamed or raster_height(self.sensor_form) is None:
             return super().run()
@@ -161,12 +165,13 @@ class ViewshedCommand(SensorStudy[ViewshedOptions, "Viewshed"]):
         assert self.spec.path is not None
         keywords = {**dict(self.spec.gis), "crs": self.spec.crs, "unit": self.spec.unit}
         file = height_file(self.spec.path, keywords)
+        check_cells(file.grid, file.path.name)
         observers = 1 if self._eyes is None else len(self._eyes.sensors)
         need = RasterNeed(file.grid.rows * file.grid.columns, observers)
-        most = memory_limit()
-        if most is None or need.whole <= most:
+        most, size = memory_limit(), need.whole(self._is_by_block, self.options.curvature)
+        if most is None or size <= most:
             return super().run()
-        whole = f"{file.path.name}: {need.cells:,} cells take about {readable_size(need.whole)} at once"
+        whole = f"{file.path.name}: {counted(need.cells, 'cell', 'take')} about {readable_size(size)} at once"
         if kept := self._needs_all_cells():
             raise InputError(
                 f"{whole}, more than {readable_size(most)}; leave out {kept}, so that the cells are studied in bands, "
@@ -176,6 +181,16 @@ class ViewshedCommand(SensorStudy[ViewshedOptions, "Viewshed"]):
         if not self.quiet:
             say(f"note: {whole}, more than {readable_size(most)}; studied in bands")
         return self._in_bands(file, most)
+
+    @property
+    def _is_by_block(self) -> bool:
+        """Whether the table is made and written by block."""
+        from ..tables.table_blocks import WRITTEN_BY_BLOCK
+
+        options, others = self.options, (self.bits, self.polygons, self.map, self.add, self.remove, self.trees)
+        if any(others) or options.least_height:
+            return False
+        return all(path.suffix.lower() in WRITTEN_BY_BLOCK for path in self.paths("output"))
 
     def _needs_all_cells(self) -> str | None:
         """The first argument that needs all cells in memory; None: the study can be done in bands."""
@@ -192,20 +207,21 @@ class ViewshedCommand(SensorStudy[ViewshedOptions, "Viewshed"]):
         if name is not None:
             return "--" + name.replace("_", "-")
         paths = self.paths("output")
-        single = len(paths) == 1 and paths[0].suffix.lower() == ".tif"
-        return None if single else "all outputs but one .tif file (-o FILE.tif)"
+        single = len(paths) == 1 and paths[0].suffix.lower() in (".tif", ".zarr")
+        return None if single else "all outputs but one .tif or .zarr file (-o FILE.tif)"
 
     def _in_bands(self, file: "HeightFile", limit: int | None) -> int:
         from ...base.progress import report_progress
         from ...engine.scene import Scene
         from ..gis.height_grounds import plane_of
-        from .raster_viewshed import raster_height, save_raster_viewshed
+        from ..sensors.sensor_files import raster_height
+        from .raster_viewshed import save_raster_viewshed
 
         eyes, (path,) = self._eyes, self.paths("output")
         assert eyes is not None  # checked before
         with StudyRun(self) as run:
             observers, height = eyes.within(Scene.of_data(plane_of(file))), raster_height(self.sensor_form) or 0.0
-            with report_progress(f"{file.grid.rows} rows") as progress:
+            with report_progress(f"{counted(file.grid.rows, 'row')}") as progress:
                 study = partial(save_raster_viewshed, file, path, observers, self.options, progress, height, limit)
                 result = run.timed(study)
             run.written.append(str(path))
@@ -213,17 +229,23 @@ class ViewshedCommand(SensorStudy[ViewshedOptions, "Viewshed"]):
         return run.report(summary._replace(values=summary.values | {"up": "z"}), self.files)
 
     def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], Viewshed | None]":
-        from .viewshed import viewshed_blocks
+        from .viewshed import viewshed, viewshed_blocks
 
         observers = self._observers(scenes)
-        sensors = self.check_room(scenes.sensor_blocks(self.sensor_form, self.threads))
         options = replace(self.options, bits=self.bits is not None, each=self.options.each or bool(self.polygons))
+        given = {"surface": scenes.bare, **field_values(options)}
+        sensors = scenes.sensor_blocks(self.sensor_form, self.threads)
+        sensors = self.check_room(
+            sensors, lambda some: viewshed(scenes.planted, some, observers, **given).table, executor
+        )
         camera = None
         if self.camera is not None:
             camera = make_camera(parse_camera(self.camera), scenes.planted, options.time, _SIZE)
 
         def study() -> "Viewshed | None":
-            found = viewshed_blocks(scenes.planted, options, sensors, observers, scenes.bare, executor)
+            found = viewshed_blocks(
+                scenes.planted, options, sensors, observers, scenes.bare, executor, self.partitioned
+            )
             if found is not None:
                 found.table.camera = camera
             return found

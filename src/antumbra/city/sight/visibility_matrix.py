@@ -19,6 +19,7 @@ from ...base.errors import InputError
 from ...base.files import atomic_output, check_disk_space, checked_output
 from ...base.option_fields import Given, with_keywords
 from ...base.progress import Progress, with_progress
+from ...base.wording import counted
 from ...engine.measured_scenes import measured_scene
 from ...engine.plan import Plan
 from ...engine.scene import AnyScene
@@ -101,7 +102,8 @@ class TileTracer:
         """
         terrain = self._engine.terrain
         assert terrain is not None  # as it has sensors
-        kept = (len(self._views) + 1) * terrain.pyramid.surface.heights.size <= _VIEWS
+        grid = terrain.pyramid.surface.grid
+        kept = (len(self._views) + 1) * grid.rows * grid.columns <= _VIEWS
         classes = self._views.get((eye.tobytes(), far))
         if classes is None and (kept or cells is None):
             classes = terrain.view(eye, over.height, far)
@@ -171,7 +173,7 @@ class VisibilityMatrix:
         return len(self.bits), self.columns
 
     def __repr__(self) -> str:
-        return f"VisibilityMatrix({self.shape[0]} x {self.columns}, {int(self.counts.sum())} visible pairs)"
+        return f"VisibilityMatrix({self.shape[0]} x {self.columns}, {counted(int(self.counts.sum()), 'visible pair')})"
 
     def rows(self, first: int = 0, last: int | None = None) -> NDArray[np.bool_]:
         """(rows, m) bool: the rows from `first` to `last`, exclusive; None: to the end."""
@@ -189,7 +191,7 @@ class VisibilityMatrix:
         values = {"scene": scene, "rows": rows, "columns": columns, "visible": visible, "seconds": seconds}
         share = 100.0 * visible / max(rows * columns, 1)
         return Summary(
-            values, [("matrix", f"{rows:,} x {columns:,}"), ("visible", f"{visible:,} pairs ({share:.2f} %)")]
+            values, [("matrix", f"{rows:,} x {columns:,}"), ("visible", f"{counted(visible, 'pair')} ({share:.2f} %)")]
         )
 
     def save(self, path: str | PathLike[str]) -> None:
@@ -294,7 +296,7 @@ def visibility_matrix(
     tracing = cache(lambda: TileTracer(scene, plan, time, threads, sightlines))  # created for the first tile
     work = lambda first, last: {"bits": _tile(tracing(), grid, first)}
     about = None if executor.folder is None else _about(scene, grid, time, plan)
-    parts = Parts(f"{n} x {m} lines of sight", len(grid.tiles), 1, work, executor.folder, about)
+    parts = Parts(f"lines of sight: {n} x {m}", len(grid.tiles), 1, work, executor.folder, about)
     if not executor.finish([parts]):
         return None  # type: ignore[return-value]  # a shard, of a command
     if path is None:

@@ -10,6 +10,7 @@ import typer
 
 from ...base.checks import spelling_hint
 from ...base.errors import InputError
+from ...base.option_fields import field_values
 from ...cli.options import (
     LISTED_LAST,
     ColumnOption,
@@ -22,7 +23,7 @@ from ...cli.options import (
     SheetOption,
     UpOption,
 )
-from ...cli.scene_arguments import DEFAULT_SCENE, BeforeOption, in_memory
+from ...cli.scene_arguments import DEFAULT_SCENE, BeforeOption
 from ...cli.shards import MergeOption, RayOption, ShardOption
 from ...cli.study_run import Scenes, command_of
 from ...cli.vegetation_options import VegetationOption
@@ -155,11 +156,15 @@ class VisibleCommand(SensorStudy[VisibleOptions, "Table | TableBlocks"]):
         return points
 
     def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], Table | TableBlocks | None]":
-        from .targets import visible_blocks
+        from .targets import visible_blocks, visible_share
 
         target = self._target(scenes.bare)
-        sensors = self.check_room(scenes.sensor_blocks(self.sensor_form, self.threads))
-        return partial(visible_blocks, scenes.planted, self.options, sensors, target, scenes.bare, executor)
+        given = {"target": target, "surface": scenes.bare, **field_values(self.options)}
+        sensors = scenes.sensor_blocks(self.sensor_form, self.threads)
+        sensors = self.check_room(sensors, lambda some: visible_share(scenes.planted, some, **given), executor)
+        return partial(
+            visible_blocks, scenes.planted, self.options, sensors, target, scenes.bare, executor, self.partitioned
+        )
 
     def _target(self, scene: "AnyScene") -> "Turbine | dict[str, Turbine] | Sensors":
         """The target that the options name."""
@@ -181,7 +186,7 @@ class VisibleCommand(SensorStudy[VisibleOptions, "Table | TableBlocks"]):
                     hint = spelling_hint(name, known)
                     raise InputError(f"--object {name}: {scene.name} has no such object; {hint}see antumbra info")
             types = None if self.surfaces is None else self.surfaces.split(",")
-            return surface_points(in_memory(scene), spacing, objects=self.object, types=types)
+            return surface_points(scene, spacing, objects=self.object, types=types)
         assert self._file is not None
         points = self._file.within(scene)
         return points if self.polygon is None else polygon_points(points.points, spacing)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.wording import place_text
 from ...sun.location import Place
 from ..sheets.map_frame import MapFit
 from ..sheets.method_facts import place_facts
@@ -63,7 +64,7 @@ def _table(skyline: Any, point: int) -> SheetTable:
 
 
 def _point_text(skyline: Any, point: int) -> str:
-    return ", ".join(f"{x:.9g}" for x in skyline.points[point])
+    return place_text(skyline.points[point]).replace(",", ", ")
 
 
 def horizon_facts(skyline: Any, point: int, place: Place | None) -> Iterator[tuple[str, str]]:
@@ -71,7 +72,7 @@ def horizon_facts(skyline: Any, point: int, place: Place | None) -> Iterator[tup
     about, azimuth, highest = skyline.about, skyline.azimuth, skyline.highest[point]
     yield "scene", about["scene"]
     yield "point", _point_text(skyline, point)
-    yield "azimuths", f"every {about['step']:g} degrees; true north at {about['north']:.2f}"
+    yield "azimuths", f"every {about['azimuth_step']:g} degrees; true north at {about['north']:.2f}"
     yield "lowest", f"{skyline.elevation[point].min():.2f} degrees"
     yield "highest", f"{highest.max():.2f} degrees, towards {azimuth[highest.argmax()]:g}"
     yield "sky view factor", f"{skyline.sky_view_factor()[point]:.4f} of a level plane"

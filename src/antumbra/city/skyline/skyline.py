@@ -2,9 +2,10 @@
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import cache
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec
 
@@ -17,8 +18,10 @@ from ...base.extras import import_extra
 from ...base.files import atomic_output, checked_output
 from ...base.option_fields import Given, with_keywords
 from ...base.progress import Progress, report_progress, with_progress
+from ...base.wording import counted, place_text
 from ...bvh.nodes import Bvh
 from ...engine.measured_scenes import measured_scene, middle_of
+from ...engine.paged_scene import PagedScene
 from ...engine.precompilation import precompile
 from ...engine.scene import AnyScene, Scene
 from ...engine.scene_loading import SceneLike
@@ -76,7 +79,7 @@ class Skyline(NamedTuple):
     attributes: Attributes = {}  # noqa: RUF012 - name -> (n,): other columns of the file of points
 
     def __repr__(self) -> str:
-        return f"Skyline({len(self.points)} points x {len(self.azimuth)} azimuths)"
+        return f"Skyline({counted(len(self.points), 'point')} x {counted(len(self.azimuth), 'azimuth')})"
 
     def sky_view_factor(self, tilt: float = 0.0, azimuth: float = 180.0) -> NDArray[np.float64]:
         """(n,) float64: the share of a uniform sky's light that arrives above the skyline on a plane at each point.
@@ -243,12 +246,12 @@ class Skyline(NamedTuple):
         factors, n = self.sky_view_factor(), len(self.points)
         values = {"scene": scene, "points": n, "azimuths": len(self.azimuth), "seconds": seconds}
         values |= {"north": self.about["north"], "sky_view_factor": float(np.mean(factors))}
-        lines = [("skylines", f"{n:,} points x {len(self.azimuth):,} azimuths")]
+        lines = [("skylines", f"{counted(n, 'point')} x {counted(len(self.azimuth), 'azimuth')}")]
         if n > _MOST_POINTS:
             return Summary(values, lines)
         records = [
             {
-                "point": ",".join(f"{c:.9g}" for c in point),
+                "point": place_text(point),
                 "lowest": round(float(elevation.min()), 3),
                 "highest": round(float(highest.max()), 3),
                 "towards": float(self.azimuth[highest.argmax()]),
@@ -347,8 +350,8 @@ def skyline(
     Raises
     ------
     InputError
-        If an argument is invalid, the scene is in a store, points are in degrees or have no surface to be placed on, or
-        pyproj is missing for the CRS of the scene.
+        If an argument is invalid, points are in degrees or have no surface to be placed on, pyproj is missing for the
+        CRS of the scene, or `curvature` is given for a scene in a store.
 
     Warns
     -----
@@ -356,7 +359,6 @@ def skyline(
         If points lie beside the scene, below the ground, on a surface without a normal, or closely behind another one.
     """
     options, scene = SkylineOptions(**given(*args, **keywords)), measured_scene(scene)
-    scene.data.check_resident()
     earth, keep = earth_of(options, scene), checked_keep(keep)
     threads, time = thread_count(options.threads), scene.clamped(options.time)
     below = scene if surface is None else measured_scene(surface)
@@ -388,13 +390,19 @@ def skyline(
         settings_of = *settings, sensors.kind == "raster", *sensors.description
         parts_about = about_parts("skylines", scene_digest(scene, time, threads), *settings_of)
     n = len(sensors)
-    parts = Parts(f"skylines of {n:,} points", n, POINTS_PER_PART, work, executor.folder, parts_about)
+    parts = Parts(f"skylines of {counted(n, 'point')}", n, POINTS_PER_PART, work, executor.folder, parts_about)
     if not executor.finish([parts]):
         return None  # type: ignore[return-value]  # a shard, of a command
     slopes = Slopes(**parts.taken(Slopes._fields))
     executor.end([parts])
     azimuth = np.arange(options.count) * (360.0 / options.count)
-    about: dict[str, Any] = {"job": "skyline", "scene": scene.name, "step": options.step, "north": north, **warned}
+    about: dict[str, Any] = {
+        "job": "skyline",
+        "scene": scene.name,
+        "azimuth_step": options.azimuth_step,
+        "north": north,
+        **warned,
+    }
     about |= {"up": scene.up, "length_unit": scene.unit.name, **curvature_record(options, scene)}
     if scene.crs:
         about["crs"] = scene.crs
@@ -424,17 +432,16 @@ def sensors_at(scene: AnyScene, points: Sensors | ArrayLike, normals: ArrayLike 
 
 def _slopes_of(scene: AnyScene, sensors: Sensors, compass: Compass, time: float, threads: int) -> Slopes:
     eyes = np.ascontiguousarray(sightline_ends(scene, sensors).origins[0])
-    trees, shape = _trees(scene, time, threads), (len(eyes), len(compass.east) // 2)
+    (count, trees), shape = _trees(scene, time, threads), (len(eyes), len(compass.east) // 2)
     slopes = Slopes(np.full(shape, -np.inf), np.full(shape, -np.inf))
-    for tree in trees:
-        closed = _below_roof(tree, eyes, scene, threads)
-        slopes.at[closed], slopes.highest[closed] = np.inf, np.inf
     with report_progress("finding skylines") as report:
         for k, tree in enumerate(trees):
 
             def progress(done: int, total: int, k: int = k) -> None:
-                report(k * total + done, len(trees) * total)
+                report(k * total + done, count * total)
 
+            closed = _below_roof(tree, eyes, scene, threads)
+            slopes.at[closed], slopes.highest[closed] = np.inf, np.inf
             raise_slopes(tree, eyes, compass, slopes, threads, progress)
     return slopes
 
@@ -455,11 +462,20 @@ def _turn(slopes: Slopes, turns: NDArray[np.float64], compass: Compass) -> None:
     slopes.highest[:] += size * cos(np.maximum(around - 1.0 / compass.turn, 0.0))  # the bin ends a half step away
 
 
-def _trees(scene: AnyScene, time: float, threads: int) -> list[Bvh]:
-    """The tree of solid faces, and that of faces with holes, if there are any."""
+def _trees(scene: AnyScene, time: float, threads: int) -> tuple[int, Iterable[Bvh]]:
+    """Trees over all triangles, and their number: of solid faces, and of faces with holes; or of each chunk of a store.
+
+    Each is valid until the next one is requested.
+    """
+    if isinstance(scene, PagedScene):
+        fixed = scene.engine.source.fixed
+        assert fixed is not None
+        more = [] if (cutouts := fixed.accelerated.cutouts) is None else [cutouts.bvh]
+        return len(scene.store) + len(more), chain(scene.store.trees(), more)
     ready = scene.engine.with_options(_PLAN, threads, None).accelerated(time)
     assert ready.bvh is not None
-    return [ready.bvh] if ready.cutouts is None else [ready.bvh, ready.cutouts.bvh]
+    trees = [ready.bvh] if ready.cutouts is None else [ready.bvh, ready.cutouts.bvh]
+    return len(trees), trees
 
 
 def _below_roof(tree: Bvh, eyes: NDArray[np.float32], scene: AnyScene, threads: int) -> NDArray[np.bool_]:
@@ -472,5 +488,5 @@ def _below_roof(tree: Bvh, eyes: NDArray[np.float32], scene: AnyScene, threads: 
     return closed
 
 
-EXAMPLES = {"skyline": lambda: skyline(Scene.of_data(small_scene()), UP, step=90.0, threads=1)}
+EXAMPLES = {"skyline": lambda: skyline(Scene.of_data(small_scene()), UP, azimuth_step=90.0, threads=1)}
 """The example calls of this study."""

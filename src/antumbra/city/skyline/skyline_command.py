@@ -38,16 +38,16 @@ class SkylineCommand(StudyCommand[SkylineOptions, "list[Skyline]"]):
 
     \b
     Examples
-      antumbra skyline city.glb --at 0,1.7,8 -o skyline.csv
-      antumbra skyline city.city.json --at 85000,446500,1.6 --on-surface --eye-height 1.6 --step 7.5 -o horizon.txt
-      antumbra skyline city.city.json --at 85000,446500,12.5 --map horizon.pdf
-      antumbra skyline city.city.json --points stations.csv --step 1 -o skylines.npz
+      antumbra skyline city.glb --point 0,1.7,8 -o skyline.csv
+      antumbra skyline city.city.json --point 85000,446500,1.6 --on-surface --azimuth-step 7.5 -o horizon.txt
+      antumbra skyline city.city.json --point 85000,446500,12.5 --map horizon.pdf
+      antumbra skyline city.city.json --points stations.csv --azimuth-step 1 -o skylines.npz
       antumbra skyline city.city.json --points roofs.csv --trees "trees.gpkg?height=h&radius=r" -o skylines.csv
       antumbra skyline city.glb --up z --north 0.81 --points raster:10 --eye-height 1.6 -o skylines.json
     """
 
     scene: SceneArgument = DEFAULT_SCENE
-    at: Annotated[
+    point: Annotated[
         list[str] | None, typer.Option(help="A point; may be repeated.", metavar="X,Y,Z", show_default=False)
     ] = None
     points: Annotated[
@@ -79,10 +79,6 @@ class SkylineCommand(StudyCommand[SkylineOptions, "list[Skyline]"]):
 
     records_trees: ClassVar[bool] = True
 
-    @property
-    def needs_memory(self) -> bool:
-        return True
-
     def check(self) -> None:
         from ..sensors.sensor_files import check_sensors
 
@@ -90,8 +86,8 @@ class SkylineCommand(StudyCommand[SkylineOptions, "list[Skyline]"]):
             self.tree_spec.check_solid("a skyline is the edge of solid things, and crowns count as solid")
         if self.points is not None:
             check_sensors(self.points, "--points")
-        if (self.at is None) == (self.points is None):
-            raise InputError("there are no points, or two kinds of them; give --at X,Y,Z or --points FILE")
+        if (self.point is None) == (self.points is None):
+            raise InputError("there are no points, or two kinds of them; give --point X,Y,Z or --points FILE")
 
     def check_sheet(self, sheet: Any, scenes: Scenes) -> None:
         from ..sheets.sheet import check_diagram
@@ -120,7 +116,7 @@ class SkylineCommand(StudyCommand[SkylineOptions, "list[Skyline]"]):
 
         if self.points is not None:
             return scenes.sensors(self.points, self.threads)
-        return point_sensors([parse_point(text, "--at") for text in self.at or []])
+        return point_sensors([parse_point(text, "--point") for text in self.point or []])
 
     def writers(self, result: "list[Skyline]", scenes: Scenes) -> Writers:
         return {"output": partial(self._write, result), "map": result[-1].save_map}

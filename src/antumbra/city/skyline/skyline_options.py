@@ -26,7 +26,7 @@ def _step(value: Any, what: str) -> float:
 class SkylineOptions:
     """The options of a skyline, checked and immutable. Raises InputError."""
 
-    step: float = option(1.0, _step, "Degrees between azimuths; must divide 360.", metavar="DEGREES")
+    azimuth_step: float = option(1.0, _step, "Degrees between azimuths; must divide 360.", metavar="DEGREES")
     """Degrees between azimuths, 0.01 to 90; it must divide 360."""
     north: float | None = option(
         None,
@@ -53,4 +53,4 @@ class SkylineOptions:
     @property
     def count(self) -> int:
         """The number of azimuths."""
-        return round(360.0 / self.step)
+        return round(360.0 / self.azimuth_step)

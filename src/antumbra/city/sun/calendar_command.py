@@ -44,13 +44,13 @@ class CalendarCommand(StudyCommand[CalendarOptions, "SunCalendar"]):
 
     \b
     Examples
-      antumbra calendar dem.tif --at 85000,446000,0 --on-surface --curvature --days year:2026 -o sun.csv
+      antumbra calendar dem.tif --point 85000,446000,0 --on-surface --curvature --days year:2026 -o sun.csv
       antumbra calendar city.city.json --points windows.csv --days year:2026 -o windows.csv
-      antumbra calendar dem.tif --at 85000,446000,0 --on-surface --days year:2026 --map sun.pdf -o sun.csv
+      antumbra calendar dem.tif --point 85000,446000,0 --on-surface --days year:2026 --map sun.pdf -o sun.csv
     """
 
     scene: SceneArgument
-    at: Annotated[
+    point: Annotated[
         list[str] | None, typer.Option(help="A point; may be repeated.", metavar="X,Y,Z", show_default=False)
     ] = None
     points: Annotated[
@@ -94,7 +94,7 @@ class CalendarCommand(StudyCommand[CalendarOptions, "SunCalendar"]):
         days_of(self.days)
         file = self._file
         if file is None:
-            raise InputError("there are no points; give --at X,Y,Z or --points FILE")
+            raise InputError("there are no points; give --point X,Y,Z or --points FILE")
         warn_of_lost(file.name, file.sensors.attributes, IDS)
         for path in [*self.paths("output"), *self.paths("map")]:
             check_calendar_output(path, len(file.sensors))
@@ -111,7 +111,7 @@ class CalendarCommand(StudyCommand[CalendarOptions, "SunCalendar"]):
     def _file(self) -> "PointFile | None":
         from ..sensors.sensor_files import points_or_file
 
-        return points_or_file(self.at, self.points, "--at", "--points", self.options.on_surface)
+        return points_or_file(self.point, self.points, "--point", "--points", self.options.on_surface)
 
     def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], SunCalendar | None]":
         from ...engine.measured_scenes import measured_scene

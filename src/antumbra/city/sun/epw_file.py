@@ -12,6 +12,7 @@ from ...base.checks import path_of
 from ...base.errors import InputError
 from ...base.extras import import_extra
 from ...base.files import checked_file
+from ...base.wording import percent, some_of
 from ...kernels.elementary import asin, atan2, cos, sin
 from ...scene.map_point import MEAN_RADIUS
 from ...sun.location import Place, checked_place
@@ -123,7 +124,7 @@ def _check(rows: _EpwRows, file: str) -> None:
     good = [(values >= 0.0) & (values < _MISSING) for values in (rows.dni, rows.dhi)]
     if bad := int((~(good[0] & good[1])).sum()):
         raise InputError(
-            f"{file}: {bad} of {len(hours)} rows lack direct or diffuse radiation; use a complete EPW file"
+            f"{file}: {some_of(bad, len(hours), 'row', 'lack')} direct or diffuse radiation; use a complete EPW file"
         )
 
 
@@ -183,8 +184,8 @@ def _clock_notes(weather: Weather, place: Place, file: str) -> list[str]:
     where = f"{place.latitude:g}, {place.longitude:g}"
     if dark > _MOST_IN_THE_DARK:
         raise InputError(
-            f"{file}: {dark:.1%} of its radiation falls in the night at {where}, whatever the time zone; correct the "
-            "latitude, longitude and time zone in its first line"
+            f"{file}: {percent(dark)} of its radiation falls in the night at {where}, whatever the time zone; correct "
+            "the latitude, longitude and time zone in its first line"
         )
     step = 1.0 if len(middle) < _MONTH else 0.25  # hours: in whole hours, the light of a day has no better centre
     if abs(error) <= max(_MOST_CLOCK_ERROR, 0.75 * step):

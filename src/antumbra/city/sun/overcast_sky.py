@@ -3,6 +3,7 @@
 import numpy as np
 
 from ...base.errors import InputError
+from ...base.wording import some_of
 from ...engine.scene import AnyScene
 from ..sensors.sensors import Sensors
 from ..sensors.surface_groups import tilts
@@ -46,5 +47,5 @@ def upright_sensors(scene: AnyScene, sensors: Sensors, rule: Rule) -> tuple[Sens
     if not upright.any():
         raise InputError(f"rule {rule.name} is about vertical planes, and no sensor lies on one; {cure}")
     left = len(sensors) - int(upright.sum())
-    note = f"rule {rule.name} is about vertical planes: {left:,} of {len(sensors):,} sensors are left out"
+    note = f"rule {rule.name} is about vertical planes: {some_of(left, len(sensors), 'sensor', 'are')} left out"
     return sensors.take(np.flatnonzero(upright)), [note]

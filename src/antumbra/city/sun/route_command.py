@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from ...work.executors import Executor
     from .route_shade import RouteShade
 
-_SUFFIXES = ".csv", ".parquet", ".gpkg", ".json", ".npz", ".png"
+_SUFFIXES = ".csv", ".parquet", ".parquets", ".gpkg", ".json", ".npz", ".png"
 
 
 @dataclass(frozen=True, kw_only=True)

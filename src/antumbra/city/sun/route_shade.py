@@ -12,6 +12,7 @@ from ...base.checks import number
 from ...base.files import atomic_output, checked_output
 from ...base.option_fields import Given, with_keywords
 from ...base.progress import Progress, with_progress
+from ...base.wording import counted
 from ...engine.measured_scenes import measured_scene
 from ...engine.scene_loading import SceneLike
 from ...kernels.parallel import thread_count
@@ -58,7 +59,7 @@ class RouteShade(NamedTuple):
         values: dict[str, Any] = {"scene": scene, "stations": len(self.table), "length": length, "seconds": seconds}
         values["shade"] = float(np.average(self.shade, weights=self.sun_hours))
         unit = self.table.about.get("length_unit", "m")
-        lines = [("route", f"{length:,.6g} {unit}, {len(self.table):,} stations")]
+        lines = [("route", f"{length:,.6g} {unit}, {counted(len(self.table), 'station')}")]
         lines.append(("shade", f"{100.0 * values['shade']:.1f} % of the time with sun"))
         records = [{"hour": int(hour), "shade": round(float(shade), 4)} for hour, shade in zip(self.hours, self.shade)]
         rows = [

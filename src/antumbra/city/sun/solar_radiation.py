@@ -8,6 +8,7 @@ import numpy as np
 
 from ...base.errors import InputError
 from ...base.extras import import_extra
+from ...base.wording import counted
 from ...sun.location import Place
 from ...sun.sun_positions import Times, month_days
 
@@ -40,7 +41,7 @@ def on_days(weather: Weather, days: Iterable[date]) -> Weather:
     there = set(numbers.tolist())
     missing = [day for number, day in sorted(wanted.items()) if number not in there]
     more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
-    notes = [f"the weather file lacks {missing[0]:%d %B}{more} of the {len(wanted)} days"] if missing else []
+    notes = [f"the weather file lacks {missing[0]:%d %B}{more} of the {counted(len(wanted), 'day')}"] if missing else []
     return Weather(
         Times(*(column[selected] for column in weather.times)), weather.dni[selected], weather.dhi[selected],
         (*weather.notes, *notes),

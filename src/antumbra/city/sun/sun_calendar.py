@@ -14,6 +14,7 @@ from ...base.errors import InputError
 from ...base.files import atomic_output, checked_output
 from ...base.option_fields import Given, with_keywords
 from ...base.progress import Progress, with_progress
+from ...base.wording import counted
 from ...engine.measured_scenes import measured_scene
 from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike
@@ -117,8 +118,10 @@ class SunCalendar(NamedTuple):
         values = {"scene": scene, "points": len(self.names), "days": len(self.days), "days_without_sun": dark}
         values |= {"hours": float(self.hours.sum(1).mean()), "seconds": seconds}
         several = len(self.names) > 1
-        days = f"{len(self.days):,}, {'at most ' if several else ''}{dark:,} without sun"
-        sun = f"{values['hours']:,.1f} h on all days{', a mean over the points' if several else ''}"
+        days = (
+            f"{len(self.days):,}, {'at most ' if several and dark else ''}{f'{dark:,}' if dark else 'none'} without sun"
+        )
+        sun = f"{values['hours']:,.1f} h in all{', the mean of the points' if several else ''}"
         return Summary(values, [("points", f"{len(self.names):,}"), ("days", days), ("sun", sun)])
 
     def _rows(self) -> Iterator[str]:
@@ -201,7 +204,7 @@ def sun_calendar(
     times = times_of(chosen, zone_of(place), options.step)
     warned = tell([*zone_notes(place, times.middle[0]), *notes_on_sensors(below, sensors, "points", 0.0, threads)])
     names = names_of_rows("points", sensors.attributes, len(sensors))
-    work = _Work(scene, sensors, earth_of(options, scene), place, times, options)
+    work = _CalendarWork(scene, sensors, earth_of(options, scene), place, times, options)
     executor = executor_of(keep)
     parts = work.parts(executor.folder)
     if not executor.finish([parts]):
@@ -227,7 +230,7 @@ def apparent(elevation: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(limb + 1.02 / 60.0 / tan(np.radians(low + 10.3 / (low + 5.11))))
 
 
-class _Work:
+class _CalendarWork:
     """The calendars of points, in parts. Times are seconds since 1970 UTC."""
 
     def __init__(
@@ -255,8 +258,8 @@ class _Work:
             of = scene_digest(self.traced, 0.0, thread_count(self.options.threads))
             settings = inexact_plan(self.options.plan), list(self.place), self.options.sun
             about = about_parts("calendar", of, *settings, *sensors, self.dips, self.turns, self.seconds, self.length)
-        n = len(self.sensors)
-        return Parts(f"calendar: {n:,} points x {len(self.seconds):,} suns", n, _POINTS, self._part, folder, about)
+        n, k = len(self.sensors), len(self.seconds)
+        return Parts(f"calendar: {counted(n, 'point')} x {counted(k, 'sun')}", n, _POINTS, self._part, folder, about)
 
     def local(self, seconds: NDArray[np.float64]) -> NDArray[np.datetime64]:
         """Local times of seconds, NaN: NaT. The offset is that of the nearest interval."""

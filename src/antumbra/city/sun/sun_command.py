@@ -10,7 +10,7 @@ import typer
 
 from ...base.errors import InputError
 from ...base.option_fields import field_values
-from ...cli.arguments import parse_bytes
+from ...cli.arguments import parse_bounds, parse_bytes
 from ...cli.options import (
     LISTED_LAST,
     SENSORS_HELP,
@@ -29,7 +29,7 @@ from ...cli.options import (
     position_of,
     writes,
 )
-from ...cli.scene_arguments import BeforeOption, limit_memory
+from ...cli.scene_arguments import BeforeOption, SceneSpec, limit_memory
 from ...cli.shards import MergeOption, RayOption, ShardOption
 from ...cli.study_run import Scenes, Writers, command_of
 from ...cli.vegetation_options import VegetationOption
@@ -67,10 +67,11 @@ class SunCommand(SensorStudy[SunOptions, "Table | TableBlocks"]):
     Examples
       antumbra sun city.city.json --days 2026-03-21 -o sun.png -o sun.csv
       antumbra sun city.city.json --days 2026-03-21 --sensors raster:1 --map sheet.pdf -o sun.tif
-      antumbra sun city.city.json --days year:2026 --by month --sky 512 --city-output sun.city.json
+      antumbra sun city.city.json --days year:2026 --by month --sky-view 512 --city-output sun.city.json
       antumbra sun house.glb --latitude 52 --longitude 4.36 --timezone Europe/Amsterdam --days 2026-06-21 --step 5
       antumbra sun city.ply --crs EPSG:28992 --up z --sensors raster:1 --days year:2026 -o sun.tif
       antumbra sun dem.tif --days 2026-12-21 --step 15 -o sun.tif
+      antumbra sun country.tif --bounds 84000,445000,86000,447000 --days 2026-12-21 --max-memory 4G -o valley.tif
       antumbra sun buildings.gpkg --height h --terrain dem.tif --sensors grid:2 --days 2026-03-21 -o sun.png
       antumbra sun city.city.json --sensors windows.csv --rule br209-apsh --epw delft.epw -o windows.csv
       antumbra sun city.city.json --sensors windows.csv --rule br209-vsc --per dwelling -o homes.csv
@@ -84,6 +85,14 @@ class SunCommand(SensorStudy[SunOptions, "Table | TableBlocks"]):
         str | None,
         typer.Option(
             help=SENSORS_HELP + "  [default: face; on a raster of heights: raster; with --areas a raster of 0.5 m]",
+            show_default=False,
+        ),
+    ] = None
+    bounds: Annotated[
+        str | None,
+        typer.Option(
+            help="Of the cells of a raster, only those with centres between these eastings and northings.",
+            metavar="X0,N0,X1,N1",
             show_default=False,
         ),
     ] = None
@@ -135,6 +144,24 @@ class SunCommand(SensorStudy[SunOptions, "Table | TableBlocks"]):
     def sensor_form(self) -> str:
         return self.sensors or ("raster" if self.areas is not None else super().sensor_form)
 
+    @property
+    def spec(self) -> SceneSpec:
+        bounds = None if self.bounds is None else tuple(parse_bounds(self.bounds))
+        return super().spec._replace(own_cells=self._in_own_cells, bounds=bounds)
+
+    @property
+    def _in_own_cells(self) -> bool:
+        """Whether only shadows at the own cells of a raster are needed."""
+        from ..sensors.sensor_files import raster_height
+        from ..tables.table_blocks import WRITTEN_BY_BLOCK
+
+        others = self.terrain, self.add, self.remove, self.trees, self.areas, self.city_output, self.map
+        if any(others) or self.options.curvature or self.options.plan is not None or self.options.per != "sensor":
+            return False
+        form = self.sensors or "raster"
+        by_block = all(path.suffix.lower() in WRITTEN_BY_BLOCK for path in self.output or ())
+        return super().spec.is_streamed and by_block and raster_height(form) is not None
+
     def check(self) -> None:
         from ..sensors.ground_areas import check_areas
         from ..sensors.sensor_files import check_sensors
@@ -160,16 +187,20 @@ class SunCommand(SensorStudy[SunOptions, "Table | TableBlocks"]):
         from ...engine.measured_scenes import measured_scene
         from ...sun.location import place_of
         from ..changes.before_and_after import before_and_after
+        from ..sensors.sensor_blocks import cells_within
         from .sun_hours import sun_blocks, sun_hours
 
         scene = measured_scene(scenes.planted)
         limit_memory(scene, self._memory())
         options = replace(self.options, place=place_of(scene, **position_of(self)))
-        sensors = self.check_room(scenes.sensor_blocks(self._form_in(scene), self.threads, self.areas))
+        named = scenes.sensor_blocks(self._form_in(scene), self.threads, self.areas)
+        study = lambda some: sun_hours(scene, some, **field_values(options))
+        sensors = named if self.bounds is None else cells_within(named, parse_bounds(self.bounds))
+        sensors = self.check_room(sensors, study, executor)
         if self.column is not None:  # an unknown column is reported before the long work
-            none = sun_hours(scene, sensors.block(0, 0), **field_values(options))
+            none = study(sensors.block(0, 0))
             (before_and_after(none, none) if self.in_both_states else none).shown(self.column)
-        return partial(sun_blocks, scene, options, sensors, None, self.matrix, executor)
+        return partial(sun_blocks, scene, options, sensors, None, self.matrix, executor, self.partitioned)
 
     def describe(self, result: "Table | TableBlocks", scenes: Scenes) -> None:
         from ...engine.engine import default_plan_of

@@ -18,9 +18,9 @@ from ...engine.measured_scenes import measured_scene
 from ...engine.plan import DEFAULT_PLAN, Plan, parse_plan
 from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike
-from ...kernels.elementary import cos, sin
 from ...kernels.parallel import thread_count
 from ...scene.materials import MONTHS
+from ...scene.sky import sky_directions
 from ...sun.location import Place, place_in
 from ...sun.sun_positions import Suns, checked_step, months_of, suns_of, times_of, zone_notes, zone_of
 from ...work.executors import Keep, checked_keep, executor_of
@@ -32,8 +32,18 @@ from ..sensors.sensor_blocks import DescribedSensors, SensorBlocks
 from ..sensors.sensor_files import sensor_blocks, sensors_of
 from ..sensors.sensors import Sensors, sensors_from
 from ..tables.bit_matrices import row_file_size
+from ..tables.partitions import Partitions
 from ..tables.result_table import Column, MadeFrom, Table
-from ..tables.surface_columns import Between, Choice, Facing, check_per, per_group, surface_columns, ungrouped
+from ..tables.surface_columns import (
+    Between,
+    Facing,
+    SurfaceChoice,
+    check_per,
+    notes_on_rows,
+    per_group,
+    surface_columns,
+    surface_settings,
+)
 from ..tables.table_blocks import TableBlocks
 from .daylight_rules import Criterion, Kind, Rule
 from .epw_file import TYPICAL_YEAR, read_epw
@@ -50,15 +60,6 @@ _P = ParamSpec("_P")
 
 
 SKY_VIEW_ABOUT = "sky-view factor: share of a uniform sky's light that arrives"
-
-
-def sky_directions(count: int, up: str) -> NDArray[np.float64]:
-    """(count, 3) float64: unit vectors on Vogel's spiral lifted to the hemisphere, each for an equal share of sky."""
-    i = np.arange(count)
-    height, angle = (i + 0.5) / count, i * np.pi * (3.0 - np.sqrt(5.0))
-    width = np.sqrt(1.0 - height * height)
-    east, north = width * cos(angle), width * sin(angle)
-    return np.stack([east, north, height] if up == "z" else [east, height, -north], axis=1)
 
 
 @with_progress
@@ -245,11 +246,12 @@ def sun_hours(
 
 def sun_blocks(
     scene: SceneLike, options: SunOptions, sensors: SensorBlocks | ArrayLike | str | None, areas: AreaLike | None,
-    matrix: str | os.PathLike[str] | None, keep: Keep,
+    matrix: str | os.PathLike[str] | None, keep: Keep, partitioned: bool = False,
 ) -> Table | TableBlocks | None:  # fmt: skip
     """The table of `sun_hours`, made by block if the sensors are described and each row is that of a sensor.
 
-    Its `close` removes the finished parts.
+    Its `close` removes the finished parts. `partitioned`: these are partitions of the table, if it is made by block and
+    without a matrix, and the executor has a folder.
     """
     keep, scene = checked_keep(keep), measured_scene(scene)
     plan, threads, samples = options.plan, thread_count(options.threads), options.samples
@@ -264,7 +266,7 @@ def sun_blocks(
         raise InputError("areas need sensors as text, such as raster:0.5; or leave areas out, and give area_sensors")
     sky_rule = next((rule for rule in study.rules if rule.kind is Kind.SKY), None)
     facing, tilt = cast(Facing | None, options.facing), cast(Between | None, options.tilt)
-    chosen = Choice(options.surfaces, facing, tilt, study.north)
+    chosen = SurfaceChoice(options.surfaces, facing, tilt, study.north)
     described, notes = None, list(study.notes)
     if isinstance(sensors, DescribedSensors):
         if options.per == "sensor" and sky_rule is None:
@@ -277,7 +279,7 @@ def sun_blocks(
             raise InputError(f"areas have results of their own, in about; leave per={options.per!r} out")
         check_per(options.per, sensors, scene)
         sensors = chosen.of(scene, sensors)
-        notes += ungrouped(sensors, options.per)
+        notes += notes_on_rows(sensors, options.per, scene)
         if sky_rule is not None and len(sensors):
             sensors, left_out = upright_sensors(scene, sensors, sky_rule)
             notes += left_out
@@ -312,11 +314,25 @@ def sun_blocks(
     if sky_rule is not None:
         sky = sky_query(bent, source, OVERCAST_DIRECTIONS, plan, threads)._replace(earth=earth)
         sums.append(SunSums(overcast(sky), "overcast sky", executor.folder))
-    skies = _diffuse_of_seasons(scene, study.main) if options.sky else {}
+    skies = _diffuse_of_seasons(scene, study.main) if options.sky_view else {}
     for month in skies:
-        sky = sky_query(bent, source, options.sky, plan, threads, month)._replace(earth=earth)
+        sky = sky_query(bent, source, options.sky_view, plan, threads, month)._replace(earth=earth)
         sums.append(SunSums(sky, "sky" if month == NO_DATE else f"sky in {MONTHS[month]}", executor.folder))
-    job = [each.parts for each in sums]
+    about = _about(study, options) | curvature_record(options, scene)
+
+    def table_of(sensors: Sensors, tallies: Sequence[Tally]) -> Table:
+        columns = _all_columns(study, all_bins, skies, sky_rule, tallies)
+        columns |= surface_columns(scene, sensors, study.north)
+        return judged_rows(Table(sensors, columns, about, scene), study.rules, options.per, study.north)
+
+    def block_of(sensors: Sensors, k: int) -> Table:
+        return table_of(sensors, [each.tally_of_part(k) for each in sums])
+
+    job, partitions = [each.parts for each in sums], None
+    if described is not None and partitioned and target is None and executor.folder is not None and len(described):
+        settings = [about, *(each for bins in all_bins for each in bins.settings), list(skies), list(skies.values())]
+        settings += surface_settings(scene)
+        job = [partitions := Partitions(sums[0].blocks, job[1:], block_of, described, scene, settings)]
     if not executor.finish(job):
         return None
     if described is not None:
@@ -325,27 +341,20 @@ def sun_blocks(
             executor.end(job)  # there is nothing to resume
         chosen.check(scene, left, len(described))
         warned = warned_by_block(notes, sums[0].blocks)
+    about |= warned
     if target is not None:
         with atomic_output(target) as temporary:
             sums[0].write_matrix(temporary)
-    about = _about(study, options) | curvature_record(options, scene) | warned
-
-    def table_of(sensors: Sensors, tallies: Sequence[Tally]) -> Table:
-        columns = _all_columns(study, all_bins, skies, sky_rule, tallies)
-        columns |= surface_columns(scene, sensors, study.north)
-        return judged_rows(Table(sensors, columns, about, scene), study.rules, options.per, study.north)
-
     if described is None:
         table = table_of(cast(Sensors, sensors), [each.tally() for each in sums])
         executor.end(job)
         return table
-    return TableBlocks(
-        described,
-        sums[0].parts.ranges,
-        lambda sensors, k: table_of(sensors, [each.tally_of_part(k) for each in sums]),
-        lambda sensors: table_of(sensors, [each.tally() for each in sums]),
-        partial(executor.end, job),
-    )
+    close = partial(executor.end, job)
+    if partitions is not None:
+        made = lambda sensors, columns: Table(sensors, columns, about, scene)
+        return TableBlocks.of_partitions(partitions, made, close)
+    whole = lambda sensors: table_of(sensors, [each.tally() for each in sums])
+    return TableBlocks(described, sums[0].parts.ranges, block_of, whole, close)
 
 
 def _all_columns(
@@ -486,6 +495,7 @@ class _Bins:
             columns.append(self._add([f"hours_{hour:02d}" for hour in range(24)]) + _hour(suns))
         self.used = {int(k) for k in np.unique(columns)} if columns else set[int]()
         self._criteria, self.count = run.criteria, len(self.names) + 1
+        self._local = suns.local.astype("datetime64[s]").astype(np.int64)
         if run.criteria:
             rates = rates_of(run.criteria, suns, run.sunshine)
             self._rates, same = np.unique(rates, axis=1, return_inverse=True)  # (criteria, bins), and the bin of a sun
@@ -496,6 +506,11 @@ class _Bins:
     def _add(self, names: list[str]) -> int:
         self.names += names
         return len(self.names) - len(names)
+
+    @property
+    def settings(self) -> list[Any]:
+        """What the columns depend on besides the sums, for digests: arrays and JSON values."""
+        return [self.names, self._local, *([self._rates] if self._criteria else [])]
 
     def hours(self, tally: Tally) -> dict[str, np.ndarray]:
         """Name -> hours of each sensor, for the months and hours of day with a sun."""

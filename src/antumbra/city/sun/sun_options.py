@@ -171,7 +171,9 @@ class SunKeywords:
     """Weather file with direct and diffuse radiation; also sets the place if there is no other."""
     energy: bool = option(False, flag, "Add the direct energy under a clear sky.")
     """Add the energy of direct light, under a clear sky if there is no EPW file."""
-    sky: int = option(0, WholeNumber(0, MOST_DIRECTIONS), "Add the sky-view factor, from N directions.", metavar="N")
+    sky_view: int = option(
+        0, WholeNumber(0, MOST_DIRECTIONS), "Add the sky-view factor, from N directions.", metavar="N"
+    )
     """Number of sky directions for the sky-view factor, 0 to 16384; 0: no such column. `sky_view` needs no place and no
     days."""
     by: Sequence[str] = option(

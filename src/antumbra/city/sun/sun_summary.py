@@ -2,7 +2,9 @@
 
 from typing import Any
 
+from ...base.wording import percent, some_of
 from ...work.result_summary import Summary, SummaryTable
+from ..sheets.method_facts import minutes_text, position_text
 from ..tables.column_totals import ColumnTotals
 from ..tables.result_table import Table
 from ..tables.surface_columns import NAMES
@@ -26,19 +28,20 @@ def sun_summary(table: Table | TableBlocks, per: str, seconds: float) -> Summary
     means = {name: each.mean for name, each in totals.items() if name not in NAMES and each.rows}
     lines = list[tuple[str, str]]()
     if "latitude" in about:
-        place = f"{about['latitude']:.4f}, {about['longitude']:.4f}; true north at {about['north']:.2f} degrees"
-        lines.append(("place", place))
+        lines.append(("place", position_text(about)))
     if "first" in about:
-        when = f"{about['suns']:,} from {about['first']} to {about['last']}, {about['hours']:,.1f} h"
-        lines.append(("suns", when))
+        first, last = minutes_text(about["first"]), minutes_text(about["last"])
+        lines.append(("suns", f"{about['suns']:,} from {first} to {last}, {about['hours']:,.1f} h"))
     lines.append(("sensors", f"{sensors:,} ({about.get('sensors', table.kind)})"))
     lines += [(f"{per}s", f"{rows:,}")] if per != "sensor" else []
     if (hours := totals.get("sun_hours")) is not None:
-        least, most = (hours.least, hours.most) if hours.rows else (0.0, 0.0)
-        lines.append(("hours of sun", f"{least:,.1f} to {most:,.1f}, median {hours.median:,.1f}"))
+        least, most = (f"{hours.least:,.1f}", f"{hours.most:,.1f}") if hours.rows else ("0.0", "0.0")
+        lines.append(("hours of sun", least if least == most else f"{least} to {most}, median {hours.median:,.1f}"))
     loss = totals.get("sun_hours_loss")
     if loss is not None and loss.rows:
-        lines.append(("loss of sun", f"up to {max(loss.most, 0.0):,.1f} h, in {loss.positive:,} of {loss.rows:,} rows"))
+        lines.append(
+            ("loss of sun", f"up to {max(loss.most, 0.0):,.1f} h, in {some_of(loss.positive, loss.rows, 'row')}")
+        )
     for rule in [] if "areas" in about else about.get("rules", []):
         lines.append((rule["name"], _passing(totals[rule_named(rule["name"]).prefix + PASSES], per)))
     areas = _area_table(about["areas"]) if "areas" in about else None
@@ -48,7 +51,7 @@ def sun_summary(table: Table | TableBlocks, per: str, seconds: float) -> Summary
 def _passing(passes: ColumnTotals, per: str) -> str:
     """How many rows pass."""
     rows = "sensors on surfaces" if per == "sensor" else "rows"
-    share = f" ({passes.mean:.1%})" if passes.rows else ""
+    share = f" ({percent(passes.mean)})" if passes.rows else ""
     return f"{passes.positive:,} of {passes.rows:,} {rows} pass{share}"
 
 
@@ -68,4 +71,4 @@ def _area(record: dict[str, Any]) -> tuple[str, ...]:
     hours, share = record["sun_hours"], record.get("share")
     row = record["name"], f"{record['cells']:,}", f"{record['left_out']:,}", "" if hours is None else f"{hours:.1f}"
     passes = {None: "no cells", True: "yes", False: "no"}[record.get("passes")]
-    return *row, "" if share is None else f"{share:.1%}", passes
+    return *row, "" if share is None else percent(share), passes

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...base.wording import counted
 from ...engine.plan import Plan
 from ...engine.precompilation import precompile
 from ...engine.scene import AnyScene
@@ -30,7 +31,7 @@ from ...work.scene_records import scene_digest
 from ...work.work_parts import about_parts, inexact_plan
 from ..sensors.block_parts import BlockParts
 from ..sensors.curved_earth import Earth
-from ..sensors.sensor_blocks import SensorBlocks
+from ..sensors.sensor_blocks import DescribedSensors, SensorBlocks
 from ..sensors.sensors import Sensors
 from ..tables.bit_matrices import RowFile, hidden_sun_rows
 from .sun_tally import WHOLE, Calendar, SunLight, Tally, tally_of
@@ -167,6 +168,8 @@ def _starts(suns: Suns) -> np.ndarray:
 
 
 _ORDER = "sensors in their own order"  # the layout of the parts, which their digest covers
+_BITS = "bits"  # array of a part that has no sums: (n, ceil(m / 8)) uint8, `SunLight.bits` of m directions
+_SUMS_BYTES = 40  # of a sensor, besides those of the bins
 
 
 class SunSums:
@@ -185,6 +188,7 @@ class SunSums:
         precompile("sun hours")
         self._query, self._matrix, n = query, matrix, len(query.sensors)
         self._rows = n > 0 and _in_rows(query)
+        self._has_bits = self._rows and not matrix and _bits_are_less(query)
         about = None
         if folder is not None:
             settings: tuple[Any, ...] = (
@@ -192,13 +196,13 @@ class SunSums:
                 query.columns,
                 matrix,
                 notes is not None,
-                _ORDER,
+                f"{_ORDER}, {_BITS}" if self._has_bits else _ORDER,
                 query.seasons,
             )
             of, earth = scene_digest(query.scene, 0.0, query.threads), query.earth
             settings += (None if earth is None else [earth.drop, earth.centre.tolist(), earth.sag],)
             about = about_parts(what, of, *settings, *query.calendar, *query.sensors.description)
-        title = f"{what}: {n:,} sensors x {len(query.calendar.hours):,} directions"
+        title = f"{what}: {counted(n, 'sensor')} x {counted(len(query.calendar.hours), 'direction')}"
         size = ROWS_PER_PART if self._rows else SENSORS_PER_PART
         self.blocks = BlockParts(title, query.sensors, size, self._sums_of_block, folder, about, notes)
         self.parts = self.blocks.parts
@@ -220,6 +224,8 @@ class SunSums:
         """The sums of some sensors."""
         query = self._query
         light = _light_of(query, receivers, normals)
+        if self._has_bits:
+            return {_BITS: np.ascontiguousarray(light.bits.view(np.uint8)[:, : -(-len(query.towards) // 8)])}
         sums = tally_of(light, normals, query.calendar, query.columns, query.threads)._asdict()
         return {**sums, "matrix": hidden_sun_rows(light.bits, query.calendar.places)} if self._matrix else sums
 
@@ -228,12 +234,25 @@ class SunSums:
         if not len(self.parts):
             nothing = SunLight(np.empty((0, 1), np.uint64), WHOLE)
             return tally_of(nothing, None, self._query.calendar, self._query.columns)
+        if self._has_bits:
+            return self._tally_of_bits(self.parts.taken([_BITS])[_BITS])
         return Tally(**self.parts.taken(Tally._fields))
 
     def tally_of_part(self, k: int) -> Tally:
         """The sums of a block, which must be done."""
         part = self.parts[k]
+        if self._has_bits:
+            return self._tally_of_bits(part[_BITS])
         return Tally(**{name: part[name] for name in Tally._fields})
+
+    def _tally_of_bits(self, rows: NDArray[np.uint8]) -> Tally:
+        """The sums of cells of a raster, which face up, from their `_BITS`."""
+        query, n = self._query, len(rows)
+        bits = np.zeros((n, 8 * -(-rows.shape[1] // 8)), np.uint8)
+        bits[:, : rows.shape[1]] = rows
+        up = np.eye(3)["xyz".index(query.scene.up)]
+        light = SunLight(bits.view(np.uint64), WHOLE)
+        return tally_of(light, np.broadcast_to(up, (n, 3)), query.calendar, query.columns, query.threads)
 
     @property
     def matrix_shape(self) -> tuple[int, int]:
@@ -246,6 +265,13 @@ class SunSums:
         with RowFile(path, (sum(counts), self.matrix_shape[1])) as file:
             for k, first in enumerate(np.cumsum([0, *counts[:-1]]).tolist() if counts else ()):
                 file.put(np.arange(first, first + counts[k]), self.parts[k]["matrix"])
+
+
+def _bits_are_less(query: SunQuery) -> bool:
+    """Whether the bits of described cells, which face up, take less room than their sums, which follow from them."""
+    if query.earth is not None or _transmits(query.scene) or not isinstance(query.sensors, DescribedSensors):
+        return False
+    return -(-len(query.towards) // 8) <= _SUMS_BYTES + 8 * query.columns
 
 
 def _in_rows(query: SunQuery) -> bool:

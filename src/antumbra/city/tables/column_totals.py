@@ -1,7 +1,8 @@
 """Totals of the columns of a table, added up block by block: means, medians, and the extremes that pictures show."""
 
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -48,6 +49,29 @@ class ColumnTotals:
             rounded, numbers = np.unique(np.round(covered, _DIGITS), return_counts=True)
             self.counts.update(dict(zip(rounded.tolist(), numbers.tolist())))
 
+    def join(self, other: "ColumnTotals") -> None:
+        """Add those of further rows."""
+        for name in ("rows", "total", "positive", "area", "area_positive"):
+            setattr(self, name, getattr(self, name) + getattr(other, name))
+        for name, choose in (("least", min), ("low", min), ("most", max), ("high", max)):
+            setattr(self, name, choose(getattr(self, name), getattr(other, name)))
+        if self.counts is not None and other.counts is not None:
+            self.counts.update(other.counts)
+
+    def record(self) -> dict[str, Any]:
+        """The totals in JSON types; extremes of no rows are left out."""
+        values = {each.name: getattr(self, each.name) for each in fields(self) if each.name not in ("dtype", "counts")}
+        numbers = {name: each if isinstance(each, (str, int)) else float(each) for name, each in values.items()}
+        counts = None if self.counts is None else list(self.counts.items())
+        finite = {name: each for name, each in numbers.items() if isinstance(each, str) or np.isfinite(each)}
+        return {**finite, "dtype": self.dtype.str, "counts": counts}
+
+    @classmethod
+    def of_record(cls, record: dict[str, Any]) -> "ColumnTotals":
+        """The totals that `record` returned."""
+        counts = None if record["counts"] is None else Counter(dict(record["counts"]))
+        return cls(**{**record, "dtype": np.dtype(record["dtype"]), "counts": counts})
+
     @property
     def mean(self) -> float:
         return self.total / max(self.rows, 1)
@@ -67,6 +91,19 @@ def totals_of(table: Any) -> dict[str, ColumnTotals]:
     """The totals of the columns of numbers of a `Table`."""
     totals = dict[str, ColumnTotals]()
     add_totals(totals, table)
+    return totals
+
+
+def joined_totals(records: Iterable[dict[str, Any]]) -> dict[str, ColumnTotals]:
+    """The totals of all blocks; `records`: of each block, name of a column -> `ColumnTotals.record`."""
+    totals = dict[str, ColumnTotals]()
+    for block in records:
+        for name, record in block.items():
+            found = ColumnTotals.of_record(record)
+            if name in totals:
+                totals[name].join(found)
+            else:
+                totals[name] = found
     return totals
 
 

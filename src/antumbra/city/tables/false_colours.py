@@ -162,7 +162,7 @@ def _view(table: Any, values: np.ndarray, scale: Scale | SheetScale) -> tuple[ND
     extent_points = corners_of(scene).reshape(-1, 3) if table.sensors.kind == "points" else table.sensors.points
     framed_points = np.concatenate([extent_points, _marks(table)])
     camera = table.camera or fitted_camera(framed_points, scene.up, _SIZE, 3 * _SIZE // 4)
-    frame = render(scene, camera, [AmbientOcclusion()], spp=16)
+    frame = render(scene, camera, [AmbientOcclusion()], spp=16, materials="diffuse")
     buffer = frame.gbuffer
     covered = buffer.face >= 0
     colours = np.full((*covered.shape, 3), 30, np.uint8)

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...base.wording import counted, percent, some_of
 from ..sheets.method_facts import above_text, minutes_text, place_facts, unit_of
 from ..sheets.page import FAINT, Column, Rect
 from ..sheets.units_text import area_text, unit_text
@@ -148,7 +149,7 @@ def _draw_keys(
     what = _rows_name(table) if table.sensors.raster is None else "cells"
     for marker, (value, name) in zip(markers, named):
         rows = values == value
-        text = f"{name}: {rows[known].mean():.1%} of the {what}" if known.any() else name
+        text = f"{name}: {percent(rows[known].mean())} of the {what}" if known.any() else name
         if known.any() and areas is not None:
             text += f", {area_text(float(areas[rows].sum()) * unit.square_metres, unit)}"
         panel.key(tuple((scale.colours(np.array([value]))[0] / 255.0).tolist()), text, marker)
@@ -158,7 +159,7 @@ def _draw_line_keys(panel: Column, lines: list[SightLine]) -> None:
     for visible, name in ((True, "visible"), (False, "not visible")):
         colour, dashes = LINES[visible]
         count = sum(line.visible == visible for line in lines)
-        panel.line_key(colour, dashes, f"{name}: {count:,} of {len(lines):,} lines")
+        panel.line_key(colour, dashes, f"{name}: {some_of(count, len(lines), 'line')}")
     for marker, name in zip(END_MARKERS, ("observer", "target")):
         panel.key("white", name, marker)
 
@@ -179,7 +180,7 @@ def facts_of(table: Any) -> Iterator[tuple[str, str]]:
         yield f"area {area['name']}", _area_text(area)
     if "first" in about and "last" in about:
         yield "dates", f"{minutes_text(about['first'])} to {minutes_text(about['last'])}"
-        yield "sun", f"{about['suns']:,} positions, {about['hours']:,.4g} h {above_text(about)}"
+        yield "sun", f"{counted(about['suns'], 'position')}, {about['hours']:,.4g} h {above_text(about)}"
     if about.get("observers"):
         yield "observers", f"{about['observers']:,}"
     yield from place_facts(about)
@@ -211,13 +212,13 @@ def mark_facts(table: Any) -> Iterator[tuple[str, str]]:
 def _area_text(area: dict[str, Any]) -> str:
     if area.get("sun_hours") is None:
         return "no cells"
-    text = f"mean {area['sun_hours']:.1f} h{_former(area, 'sun_hours_before', '.1f', ' h')}"
+    text = f"mean {area['sun_hours']:.1f} h{_former(area, 'sun_hours_before', 1.0, ' h')}"
     if area.get("share") is not None:
-        share = f"{area['share']:.1%} of the cells{_former(area, 'share_before', '.1%')}"
+        share = f"{percent(area['share'])} of the cells{_former(area, 'share_before', 100.0, ' %')}"
         text += f"; {share}: {'passes' if area['passes'] else 'fails'}"
     return text
 
 
-def _former(area: dict[str, Any], name: str, form: str, unit: str = "") -> str:
+def _former(area: dict[str, Any], name: str, factor: float, unit: str) -> str:
     """The former value of an area, in parentheses."""
-    return "" if area.get(name) is None else f" (before: {area[name]:{form}}{unit})"
+    return "" if area.get(name) is None else f" (before: {factor * area[name]:.1f}{unit})"

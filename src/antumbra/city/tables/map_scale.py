@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ...picture.heat_maps import heat_colours
 
 _STEPS = 16  # colours between which QGIS interpolates
+_LEAST_SPAN = 1e-300  # below, powers of ten lose their digits
 _MOST_TICKS = 6
 _APART = 0.6  # tick steps: a round number closer to an end of the scale is left out
 _YES_NO = (190, 190, 196), (33, 120, 110)  # sRGB
@@ -73,6 +74,8 @@ class MapScale(NamedTuple):
         """The start and the end of the scale, and round numbers between them."""
         if not self.span:
             return [self.low]
+        if self.span < _LEAST_SPAN:
+            return [self.low, self.high]
         step = 10.0 ** math.floor(math.log10(self.span / _MOST_TICKS))
         step *= next(k for k in (1, 2, 5, 10) if k * step * _MOST_TICKS >= self.span * (1.0 - 1e-12))
         step = max(step, 1.0) if self.whole else step

@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 
 from ...base.checks import quoted, spelling_hint
 from ...base.errors import InputError
+from ...base.wording import counted
 from ...engine.scene import AnyScene
 from ...scene.raster import Raster
 from ...scene.scene_bounds import plan_points
+from ...store.store_data import ALL_BYTES
 from ..cityjson.surface_types import WALL
 from ..sensors.sensors import Sensors, corners_of
 from ..sensors.surface_groups import face_types
@@ -219,7 +221,7 @@ def _draw_map(
     if not lines and _places(table, fit)[1]:
         panel.lines("marks at the same place: the lowest first, then outwards", 7, color=FAINT)
     if left_out:
-        panel.lines(f"{left_out} labels left out for want of room", 7, color=FAINT)
+        panel.lines(f"{counted(left_out, 'label')} left out for want of room", 7, color=FAINT)
     panel.next_part()
     panel.facts(facts_of(table))
 
@@ -229,7 +231,7 @@ def _draw_values(axes: "Axes", table: Any, values: np.ndarray, scale: MapScale, 
     sensors, scene = table.sensors, table.scene
     if sensors.raster is not None:
         _draw_raster(axes, table, values, scale, fit)
-    elif scene is not None and scene.data.resident and (sensors.kind == "face" or table.row_of_face is not None):
+    elif scene is not None and (sensors.kind == "face" or table.row_of_face is not None) and scene.data.fits(ALL_BYTES):
         _draw_faces(axes, table, values, scale, fit)
     else:
         if scene is not None and sensors.kind == "points":
@@ -366,7 +368,7 @@ def _draw_faces(axes: "Axes", table: Any, values: np.ndarray, scale: MapScale, f
                     list(plan[some]), facecolors=colours[some], edgecolors=edge, hatch=hatch, zorder=1, **style
                 )
             )
-    if (face_types(table.scene, faces) == WALL).all():
+    if not table.scene.data.lacks_surfaces and (face_types(table.scene, faces) == WALL).all():
         _draw_walls(axes, corners, of_face[faces], table.scene.up, scale)
 
 

@@ -1,7 +1,7 @@
 """Result tables: one row per sensor, columns with units, and a CRS; with writers for all output formats.
 
-The formats are CSV, JSON, NPZ, Parquet, GeoPackage, GeoTIFF, PNG, GLB and HTML. A writer takes a `Table`, the path, and
-the name of the column that pictures show. A style of QGIS is written beside files with a CRS.
+The formats are CSV, JSON, NPZ, Parquet, GeoPackage, GeoTIFF, Zarr, PNG, GLB and HTML. A writer takes a `Table`, the
+path, and the name of the column that pictures show. A style of QGIS is written beside files with a CRS.
 """
 
 import io
@@ -19,14 +19,14 @@ from numpy.typing import NDArray
 from ...base.checks import checked_instance, points, quoted, spelling_hint
 from ...base.errors import InputError
 from ...base.extras import import_extra
-from ...base.files import atomic_output, check_disk_space, checked_output
+from ...base.files import atomic_output, check_disk_space, checked_output, temporary_name
+from ...base.wording import counted
 from ...engine.scene import AnyScene
 from ...engine.scene_loading import scene_of
 from ...picture.image_files import save_png
 from ...scene.camera import Camera
 from ...scene.crs import checked_crs
 from ...scene.raster import Raster
-from ...scene.units import METRE
 from ...web.kernel_module import kernel_module
 from ...web.scene_page import Page, make_page
 from ..sensors.point_attributes import with_attributes
@@ -38,19 +38,22 @@ from .false_colours import coloured_model, false_colours
 from .map_legend import scale_of
 from .map_sheet import save_map
 from .page_layer import moment_in, place_in, table_layer
+from .parquet_files import PARTITIONED, in_milliseconds, on_map, save_parquet, save_parts, units_of, well_known
 from .qgis_style import RasterStyle, VectorStyle, write_style
+from .raster_arrays import dataset_of, zarr_of_bands
+from .table_html import table_html
 
 # --- Writers ----------------------------------------------------------------------------------------------------------
 
 
 _ROWS = 1 << 16  # rows converted to text at a time
-_GROUP = 1 << 17  # rows of a group in Parquet
 _TILE = 256  # cells along the sides of the tiles of a GeoTIFF
 _IN_MEMORY = 1 << 26  # bytes of a raster that is made in memory, where a full disk is an error of Python
+_COG = ".cog.tif"
+_CACHE = 1 << 26  # bytes that GDAL holds while it copies a raster
 _NO_UNIT = "1"  # in GeoTIFF, where readers fill in the unit of heights of a compound CRS if there is none
 _NO_CRS = 'LOCAL_CS["Undefined Cartesian SRS"]'  # in GeoPackage
 _DATE = "OGR_CURRENT_DATE"
-_POINT_Z = 1001  # well-known binary: a point with three coordinates
 
 
 def _csv(table: "Table", path: Path, column: str) -> None:
@@ -75,7 +78,7 @@ def csv_texts(values: np.ndarray) -> list[str]:
 
 def _json(table: "Table", path: Path, column: str) -> None:
     rows = {name: plain_values(values) for name, values in table.rows().items()}
-    document = {"about": table.about, "columns": _units(table), "rows": rows}
+    document = {"about": table.about, "columns": units_of(table), "rows": rows}
     with atomic_output(path) as temporary:
         temporary.write_text(json.dumps(document, allow_nan=False), encoding="utf-8")
 
@@ -87,87 +90,21 @@ def plain_values(values: np.ndarray) -> list[Any]:
     return [None if value != value else value for value in values.tolist()]
 
 
-def _units(table: "Table") -> dict[str, dict[str, str]]:
-    """The unit and the meaning of each column, also of those of the sensors."""
-    length = table.about.get("length_unit", METRE.name)
-    known = {name: (length, f"{name} of the sensor") for name in "xyz"}
-    known |= {f"n{name}": ("", f"{name} of its normal") for name in "xyz"}
-    known |= {"area": (f"{length}2", "area that it represents"), "face": ("", "the face on which it lies; -1: none")}
-    known |= {name: (column.unit, column.about) for name, column in table.columns.items()}
-    of_user = "", "of the table of sensors"
-    columns = {name: known.get(name, of_user) for name in table.rows()}
-    return {name: {"unit": unit, "about": about} for name, (unit, about) in columns.items()}
-
-
 def _npz(table: "Table", path: Path, column: str) -> None:
-    metadata = json.dumps({"about": table.about, "columns": _units(table)})
+    metadata = json.dumps({"about": table.about, "columns": units_of(table)})
     rows = {name: values.astype("U") if values.dtype.kind == "O" else values for name, values in table.rows().items()}
     with atomic_output(path) as temporary, open(temporary, "wb") as file:
         np.savez_compressed(file, allow_pickle=False, about=np.array(metadata), **rows)
 
 
 def _parquet(table: "Table", path: Path, column: str) -> None:
-    import_extra("pyarrow", ".parquet", "gis")
-    import pyarrow
-    import pyarrow.parquet
-
-    first, box = next(table.blocks()), _Box()
-    columns = {name: pyarrow.array(_in_milliseconds(values)).type for name, values in first.rows().items()}
+    save_parquet(table, path)
     if table.about.get("crs"):
-        columns["geometry"] = pyarrow.binary()
-    metadata = {"antumbra": json.dumps({"about": table.about, "columns": _units(first)})}
-    with (
-        atomic_output(path) as temporary,
-        pyarrow.parquet.ParquetWriter(
-            temporary, pyarrow.schema(columns), compression="zstd", store_schema=False
-        ) as file,  # a stored schema would hide the metadata, which are known last
-    ):
-        for group in _row_groups(_arrow_blocks(table, pyarrow.schema(columns), box)):
-            file.write_table(group)
-        if "geometry" in columns:
-            metadata["geo"] = json.dumps(_geo(table.about["crs"], box))
-        file.add_key_value_metadata(metadata)
-    if "geometry" in columns:
         _write_style(table, path, column)
 
 
-class _Box:
-    """The bounds of points, on the map."""
-
-    low = high = None
-
-    def add(self, at: NDArray[np.float64]) -> None:
-        if len(at):
-            self.low = at.min(0) if self.low is None else np.minimum(self.low, at.min(0))
-            self.high = at.max(0) if self.high is None else np.maximum(self.high, at.max(0))
-
-
-def _arrow_blocks(table: "Table", schema: Any, box: _Box) -> Iterator[Any]:
-    """The rows of a table as tables of Arrow, with their points if the schema has them, which are added to the box."""
-    import pyarrow
-
-    for block in table.blocks():
-        columns: list[Any] = [_in_milliseconds(values) for values in block.rows().values()]
-        if "geometry" in schema.names:
-            at = _on_map(block)
-            box.add(at)
-            columns.append(_well_known(at))
-        arrays = [pyarrow.array(values, kind) for values, kind in zip(columns, schema.types)]
-        yield pyarrow.Table.from_arrays(arrays, schema=schema)
-
-
-def _row_groups(blocks: Iterator[Any]) -> Iterator[Any]:
-    """Tables of Arrow in groups of `_GROUP` rows, whatever the blocks, so that equal rows give equal bytes."""
-    import pyarrow
-
-    held: Any = None
-    for block in blocks:
-        held = block if held is None else pyarrow.concat_tables([held, block])
-        while len(held) > _GROUP:
-            yield held.slice(0, _GROUP).combine_chunks()
-            held = held.slice(_GROUP)
-    if held is not None:
-        yield held.combine_chunks()
+def _partitions(table: "Table", path: Path, column: str) -> None:
+    save_parts(table, path)
 
 
 def _geopackage(table: "Table", path: Path, column: str) -> None:
@@ -175,11 +112,11 @@ def _geopackage(table: "Table", path: Path, column: str) -> None:
     raw = import_extra("pyogrio.raw", ".gpkg", "gis")
     rows, memory = table.rows(), io.BytesIO()
     geometry = np.empty(len(table), object)
-    geometry[:] = _well_known(_on_map(table))
+    geometry[:] = well_known(on_map(table))
     crs = table.about.get("crs")
     with undated():
         raw.write(
-            memory, geometry, [_in_milliseconds(values) for values in rows.values()], list(rows), driver="GPKG",
+            memory, geometry, [in_milliseconds(values) for values in rows.values()], list(rows), driver="GPKG",
             layer=path.stem, geometry_type="Point Z", crs=checked_crs(crs) if crs else _NO_CRS,
         )  # fmt: skip
     with atomic_output(path) as temporary:
@@ -212,44 +149,15 @@ def raster_style(table: "Table", column: str) -> RasterStyle | None:
     return RasterStyle(scale_of(table, column), list(table.totals).index(column) + 1)
 
 
-def _in_milliseconds(values: np.ndarray) -> np.ndarray:
-    """Times in milliseconds, since Parquet has no minutes; other values unchanged."""
-    return values.astype("datetime64[ms]") if values.dtype.kind == "M" else values
-
-
-def _on_map(table: "Table") -> NDArray[np.float64]:
-    """(n, 3) float64: easting, northing and height of the sensors."""
-    points = table.sensors.points
-    return points[:, [0, 2, 1]] * [1.0, -1.0, 1.0] if table.scene is not None and table.scene.up == "y" else points
-
-
-def _well_known(points: np.ndarray) -> list[bytes]:
-    """Points in well-known binary."""
-    rows = np.empty(len(points), [("order", "u1"), ("kind", "<u4"), ("xyz", "<f8", 3)])
-    rows["order"], rows["kind"], rows["xyz"] = 1, _POINT_Z, points
-    data, size = rows.tobytes(), rows.itemsize
-    return [data[k : k + size] for k in range(0, len(data), size)]
-
-
-def _geo(crs: str, box: _Box) -> dict[str, Any]:
-    """GeoParquet 1.1 metadata."""
-    from pyproj import CRS
-
-    column: dict[str, Any] = {"encoding": "WKB", "geometry_types": ["Point Z"]}
-    if box.low is not None and box.high is not None:
-        column["bbox"] = [*box.low.tolist(), *box.high.tolist()]
-    column["crs"] = CRS.from_user_input(checked_crs(crs)).to_json_dict()
-    return {"version": "1.1.0", "primary_column": "geometry", "columns": {"geometry": column}}
-
-
-def _tiff(table: "Table", path: Path, column: str) -> None:
-    start = next(table.blocks())
-    raster, names = start.sensors.raster, _bands(start)
+def _raster(table: "Table", path: Path, column: str) -> None:
+    start, suffix = next(table.blocks()), path.suffix.lower()
+    raster, names = start.sensors.raster, bands_of(start)
     assert raster is not None
-    with tiff_of_bands(path, raster, {name: start.columns[name].unit for name in names}, table.about) as write:
+    with BANDS[suffix](path, raster, {name: start.columns[name].unit for name in names}, table.about) as write:
         for first, values in _strips(table, raster, names):
             write(first, values)
-    _write_style(table, path, column)
+    if suffix == ".tif":
+        _write_style(table, path, column)
 
 
 @contextmanager
@@ -258,7 +166,8 @@ def tiff_of_bands(
 ) -> Iterator[Callable[[int, NDArray[np.float32]], None]]:
     """Write a GeoTIFF in tiles; the context is a function that writes rows.
 
-    It takes the first row, a multiple of 256, and (bands, rows, columns) float32, NaN: no data.
+    It takes the first row, a multiple of 256, and (bands, rows, columns) float32, NaN: no data. A name that ends in
+    .cog.tif is written as a Cloud Optimized GeoTIFF, which also has overviews.
 
     units : name of each band -> its unit
     about : metadata of the study
@@ -272,24 +181,57 @@ def tiff_of_bands(
     options = {"driver": "GTiff", "dtype": "float32", "nodata": np.nan, "transform": place, "bigtiff": "IF_SAFER"}
     options |= {"tiled": True, "blockxsize": _TILE, "blockysize": _TILE, "interleave": "band"}
     options |= {"compress": "deflate", "zlevel": 1}  # twice as fast as the default level, and 4 % larger
+    options |= {"sparse_ok": True}  # tiles without data are left out
     if about.get("crs"):
         options["crs"] = checked_crs(about["crs"])  # as text, so that rasterio keeps the code of a compound CRS
-    size = 4 * len(units) * raster.n_cells
+    size, is_cog = 4 * len(units) * raster.n_cells, path.name.lower().endswith(_COG)
     with atomic_output(path) as temporary, ExitStack() as stack:
         if size <= _IN_MEMORY:
             memory = stack.enter_context(rasterio.MemoryFile())
             file = stack.enter_context(memory.open(**shape, **options))
         else:
-            check_disk_space(path, size)  # on a full disk, GDAL leaves a part of the file without an error
-            file = stack.enter_context(rasterio.open(temporary, "w", **shape, **options))
-        yield lambda first, values: file.write(values, window=Window(0, first, raster.columns, values.shape[1]))
+            # On a full disk, GDAL leaves a part of the file without an error.
+            check_disk_space(path, tiff_bytes(path, raster, len(units)))
+            tiff = stack.enter_context(temporary_name(temporary.parent)) if is_cog else temporary
+            file = stack.enter_context(rasterio.open(tiff, "w", **shape, **options))
+
+        def write(first: int, values: NDArray[np.float32]) -> None:
+            for band, rows in enumerate(values, 1):
+                if not (np.isnan(rows[0, 0]) and np.isnan(rows).all()):
+                    file.write(rows, band, window=Window(0, first, raster.columns, len(rows)))
+
+        yield write
         for band, (name, unit) in enumerate(units.items(), 1):
             file.set_band_description(band, name)
             file.set_band_unit(band, unit or _NO_UNIT)
         file.update_tags(antumbra=json.dumps(about))
         file.close()
+        if is_cog and size <= _IN_MEMORY:
+            plain, memory = memory, stack.enter_context(rasterio.MemoryFile())
+            _copy_as_cog(plain.name, memory.name)
+        elif is_cog:
+            _copy_as_cog(tiff, temporary)
         if size <= _IN_MEMORY:
             temporary.write_bytes(memory.read())
+
+
+def _copy_as_cog(tiff: str | Path, path: str | Path) -> None:
+    """Copy a GeoTIFF as a Cloud Optimized one. Overviews hold values of cells: numbers of observers have no mean."""
+    from rasterio import Env, shutil
+
+    options = {"compress": "deflate", "bigtiff": "IF_SAFER", "sparse_ok": True, "overview_resampling": "nearest"}
+    with Env(GDAL_CACHEMAX=_CACHE):  # else GDAL holds a large part of the raster, as far as there is memory
+        shutil.copy(tiff, path, driver="COG", **options)
+
+
+def tiff_bytes(path: Path, raster: Raster, bands: int) -> int:
+    """Bytes of a raster without compression; a Cloud Optimized one is a copy, whose overviews take a third."""
+    size = 4 * bands * raster.n_cells
+    return size * 7 // 3 if path.name.lower().endswith(_COG) else size
+
+
+BANDS = {".tif": tiff_of_bands, ".zarr": zarr_of_bands}
+"""Suffix of a raster -> the context that writes its bands."""
 
 
 def _strips(table: "Table", raster: Raster, names: list[str]) -> Iterator[tuple[int, NDArray[np.float32]]]:
@@ -318,7 +260,7 @@ def _strips(table: "Table", raster: Raster, names: list[str]) -> Iterator[tuple[
         next_row, strip = next_row + _TILE, None
 
 
-def _bands(table: "Table") -> list[str]:
+def bands_of(table: "Table") -> list[str]:
     """The columns that a GeoTIFF holds, a band each."""
     return [name for name, candidate in table.columns.items() if candidate.values.dtype.kind in "fiub"]
 
@@ -344,18 +286,22 @@ WRITERS: dict[str, Writer] = {
     ".json": _json,
     ".npz": _npz,
     ".parquet": _parquet,
+    PARTITIONED: _partitions,
     ".gpkg": _geopackage,
-    ".tif": _tiff,
+    ".tif": _raster,
+    ".zarr": _raster,
     ".png": _png,
     ".glb": _glb,
     ".html": _html,
 }
 """Suffix -> writer(table, path, column)."""
 
-STREAMED = _csv, _parquet, _tiff
+STREAMED = _csv, _parquet, _partitions, _raster
 """Writers of tables by block."""
 
-_EXTRA = {".parquet": ("pyarrow", "gis"), ".gpkg": ("pyogrio", "gis"), ".tif": ("rasterio", "gis")}
+_EXTRA = dict.fromkeys((".parquet", PARTITIONED), ("pyarrow", "gis"))
+_EXTRA |= {".gpkg": ("pyogrio", "gis"), ".tif": ("rasterio", "gis")}
+_EXTRA |= {".zarr": ("zarr", "xarray")}
 
 
 def writer_of(path: str | os.PathLike[str], kind: str) -> Writer:
@@ -366,13 +312,14 @@ def writer_of(path: str | os.PathLike[str], kind: str) -> Writer:
     Raises
     ------
     InputError
-        If the suffix is unknown, the path cannot be written, a package is missing, or a GeoTIFF is requested for
-        sensors that form no raster.
+        If the suffix is unknown, the path cannot be written, a package is missing, or a raster is requested for sensors
+        that form none.
     """
     target = checked_output(path, tuple(WRITERS))
     suffix = target.suffix.lower()
-    if suffix == ".tif" and kind != "raster":
-        raise InputError(f"{target.name}: a GeoTIFF holds a raster, and the sensors are of kind {kind!r}; use .csv")
+    if suffix in BANDS and kind != "raster":
+        what = "a GeoTIFF" if suffix == ".tif" else "Zarr"
+        raise InputError(f"{target.name}: {what} holds a raster, and the sensors are of kind {kind!r}; use .csv")
     if suffix in _EXTRA:
         package, extra = _EXTRA[suffix]
         import_extra(package, suffix, extra)
@@ -440,7 +387,9 @@ class Table:
         for name, column in self.columns.items():
             values = checked_instance(column, Column, f"column {name!r}").values
             if not isinstance(values, np.ndarray) or values.shape != (len(self.sensors),):
-                raise InputError(f"column {name!r} must be an array of {len(self.sensors)} values, one for each sensor")
+                raise InputError(
+                    f"column {name!r} must be an array of {counted(len(self.sensors), 'value')}, one for each sensor"
+                )
         if not isinstance(self.about, dict):
             raise InputError(f"about is {quoted(self.about)}; it must be a dict")
         if self.scene is not None:
@@ -493,14 +442,19 @@ class Table:
         return self.columns[name].values
 
     def __repr__(self) -> str:
-        return f"Table({len(self)} rows: {', '.join(self.columns)})"
+        return f"Table({counted(len(self), 'row')}: {', '.join(self.columns)})"
+
+    def _repr_html_(self) -> str:
+        """A picture and the first rows, for notebooks."""
+        return table_html(self)
 
     def save(self, path: str | os.PathLike[str], column: str | None = None) -> None:
         """Write the table in the format of the suffix.
 
         .csv, .json, .npz, .parquet and .gpkg hold all columns; .parquet is GeoParquet if the CRS is known, .gpkg a
         layer of points. .png is a false-colour picture with a legend, .glb a model in the same colours, .tif a GeoTIFF
-        of a raster, .html a `page`. .parquet, .gpkg and .tif need ``antumbra[gis]``.
+        of a raster, .zarr a Zarr store of one, .html a `page`. .parquet, .gpkg and .tif need ``antumbra[gis]``, .zarr
+        ``antumbra[xarray]``.
 
         Beside GeoParquet, GeoPackage and GeoTIFF, a .qml file is the style in which QGIS opens them: classes for yes
         and no, else colours up to the greatest value. A style there that was saved by QGIS stays.
@@ -517,6 +471,25 @@ class Table:
             If the suffix is unknown, the format cannot hold this table, or the path cannot be written.
         """
         writer_of(path, self.sensors.kind)(self, Path(path), self.shown(column))
+
+    def to_xarray(self) -> Any:
+        """The columns of numbers as a Dataset of xarray, over the cells of the raster that the sensors form.
+
+        Cells without a value are NaN. If the scene was made from a DataArray and its cells are the sensors, the Dataset
+        has its dimensions and coordinates, in the same order. Needs ``antumbra[xarray]``.
+
+        Raises
+        ------
+        InputError
+            If the sensors form no raster.
+        """
+        raster, names = self.raster, bands_of(self)
+        if raster is None:
+            raise InputError(f"a Dataset holds a raster, and the sensors are of kind {self.kind!r}; use raster:SPACING")
+        values = np.concatenate([strip for _, strip in _strips(self, raster, names)], 1)
+        units = {name: self.columns[name].unit for name in names}
+        axes = self.scene.data.axes if self.scene is not None and self.scene.raster == raster else None
+        return dataset_of(raster, axes, dict(zip(names, values)), units, self.about)
 
     def save_map(
         self, path: str | os.PathLike[str], column: str | None = None, *, title: str | None = None,

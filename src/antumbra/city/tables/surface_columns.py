@@ -6,13 +6,14 @@ windows of a dwelling.
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...base.checks import quoted, spelling_hint
 from ...base.errors import InputError
+from ...base.wording import some_of
 from ...engine.scene import AnyScene
 from ...scene.units import LengthUnit
 from ..cityjson.surface_types import WALL
@@ -25,6 +26,7 @@ from ..sensors.surface_groups import (
     checked_types,
     face_types,
     faces_between,
+    notes_on_buildings,
     surface_groups,
     tilts,
 )
@@ -75,12 +77,19 @@ def surface_columns(scene: AnyScene, sensors: Sensors, north: float = 0.0) -> di
         if scene.city is not None:
             surfaces = np.where(faces < 0, -1, scene.city.surface_of_face[np.maximum(faces, 0)])
             columns["surface"] = Column(surfaces, "", "index in Scene.city.surfaces")
-        if scene.city is not None or sensors.kind in _ON_FACES:
+        if scene.city is not None or (sensors.kind in _ON_FACES and not scene.data.lacks_surfaces):
             about = "type of the surface, by its normal if the file names none"
             columns["type"] = Column(face_types(scene, faces), "", about)
     if sensors.normals is not None and sensors.kind != "raster":
         columns |= _directions(sensors.normals, scene.up, north)
     return columns
+
+
+def surface_settings(scene: AnyScene) -> list[Any]:
+    """What determines `surface_columns` besides triangles and sensors, for digests: arrays and JSON values."""
+    names, _, building_of = buildings_of(scene)
+    city = [] if scene.city is None else [scene.city.surface_of_face, [each.type for each in scene.city.surfaces]]
+    return [list(names), np.asarray(building_of), *city]
 
 
 def _names(names: Sequence[str], numbers: NDArray[np.integer], about: str) -> Column:
@@ -95,7 +104,7 @@ def _directions(normals: NDArray[np.float64], up: str, north: float) -> dict[str
     }
 
 
-class Choice(NamedTuple):
+class SurfaceChoice(NamedTuple):
     """The sensors on surfaces of some types, with an azimuth and a tilt in a range; None: any."""
 
     types: Sequence[str] | None
@@ -167,18 +176,23 @@ def check_per(per: str, sensors: Sensors, scene: AnyScene) -> None:
             f"rows per {per} need sensors on faces, unlike {sensors.kind!r}; use face, grid or raster, or points with "
             f"a column {per}"
         )
-    if per == "facade" and on_faces and len(sensors):
-        assert sensors.faces is not None
-        if not (face_types(scene, np.unique(sensors.faces)) == WALL).any():
+    if per not in PER or per in sensors.attributes or not len(sensors):
+        return
+    assert sensors.faces is not None
+    if per == "building":
+        surface_groups(scene, per)  # refuses scenes without buildings
+    else:
+        types = face_types(scene, np.unique(sensors.faces))
+        if per == "facade" and not (types == WALL).any():
             raise InputError(f"per is {per!r}, and no sensor lies on a wall; use other sensors, or {PER[0]}")
 
 
-def ungrouped(sensors: Sensors, per: str) -> list[str]:
-    """A note if sensors have no value in the column by which rows are grouped, so that they belong to no row."""
+def notes_on_rows(sensors: Sensors, per: str, scene: AnyScene) -> list[str]:
+    """A note if sensors have no value in the column by which rows are grouped, or objects may be no buildings."""
     if per not in sensors.attributes:
-        return []
+        return notes_on_buildings(scene, per)
     count = int((_numbers(sensors.attributes[per]) < 0).sum())
-    return [f"{count:,} of {len(sensors):,} sensors have no {per}, and belong to no row"] if count else []
+    return [f"{some_of(count, len(sensors), 'sensor', 'have')} no {per}, and thus no row"] if count else []
 
 
 def per_group(table: Table, per: str, north: float, judged: Judged | None = None) -> Table:

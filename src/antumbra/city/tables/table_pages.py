@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from ...base.wording import counted, percent
 from ..sheets.method_facts import unit_of
 from ..sheets.sheet_tables import SheetTable, cell_text
 from ..sheets.units_text import unit_text
@@ -20,7 +21,7 @@ def tables_of(table: Any) -> list[SheetTable]:
     """The tables of a `Table`: its rows if they stand for something with a name or are few, and a summary."""
     tables = [_areas(table)] if table.about.get("areas") else []
     if table.sensors.raster is None and len(table) <= MOST_ROWS and (_is_named(table) or len(table) <= 200):
-        return [*tables, _rows(table)]
+        return [*tables, rows_table(table)]
     return [*tables, _summary(table)]
 
 
@@ -28,16 +29,16 @@ def _is_named(table: Any) -> bool:
     return table.row_of_face is not None or bool(table.sensors.attributes)
 
 
-def _rows(table: Any) -> SheetTable:
-    """A row per sensor: its names, its position, and all results."""
+def rows_table(table: Any, most: int | None = None) -> SheetTable:
+    """A row per sensor: its names, its position, and all results; of the first `most` sensors, if that is given."""
     length = unit_of(table.about).name
     left_out = {"nx", "ny", "nz", "face", "area"}
-    columns = {name: values for name, values in table.rows().items() if name not in left_out}
+    columns = {name: values[:most] for name, values in table.rows().items() if name not in left_out}
     given = {*table.sensors.attributes, *(("building", "surface") if table.row_of_face is not None else ())}
     first = [name for name in columns if name in given and name.lower() in _ID]
     names = [*first, *(name for name in columns if name not in first)]
     if not first:
-        columns, names = {"row": np.arange(1, len(table) + 1), **columns}, ["row", *names]
+        columns, names = {"row": np.arange(1, len(table) + 1)[:most], **columns}, ["row", *names]
     headers, right = list[str](), set[int]()
     for k, name in enumerate(names):
         unit = unit_text(table.columns[name].unit) if name in table.columns else length if name in "xyz" else ""
@@ -69,7 +70,7 @@ def _summary(table: Any) -> SheetTable:
         values, known = column_values(table, name)
         shown, unit = values[known], unit_text(column.unit)
         if column.values.dtype.kind == "b":
-            share = f"{shown.mean():.1%} yes" if len(shown) else "-"
+            share = f"{percent(shown.mean())} yes" if len(shown) else "-"
             rows.append((name, unit, "", "", "", share, "", "", f"{len(shown):,}"))
             continue
         numbers = ["-"] * 6
@@ -78,7 +79,7 @@ def _summary(table: Any) -> SheetTable:
             numbers = [cell_text(float(x)) for x in (shown.min(), low, middle, shown.mean(), high, shown.max())]
         rows.append((name, unit, *numbers, f"{len(shown):,}"))
     headers = "column", "unit", "least", "5 %", "median", "mean", "95 %", "greatest", "values"
-    note = f"{len(table):,} rows; all of them are in the files of the result."
+    note = f"{counted(len(table), 'row')}; all of them are in the files of the result."
     return SheetTable("Summary", headers, rows, frozenset(range(2, 9)), note=note)
 
 
@@ -96,7 +97,7 @@ def _areas(table: Any) -> SheetTable:
         hours, shares = ([area.get(name + end) for end in states] for name in ("sun_hours", "share"))
         row += ["-" if each is None else f"{each:.2f}" for each in hours]
         if judged:
-            row += ["-" if each is None else f"{each:.1%}" for each in shares]
+            row += ["-" if each is None else percent(each) for each in shares]
             row.append("no cells" if area.get("share") is None else "passes" if area["passes"] else "fails")
         rows.append(row)
     return SheetTable("Areas", headers, rows, frozenset(range(1, 3 + 2 * len(states))))

@@ -99,8 +99,10 @@ def from_trees(
     options = VegetationOptions(
         height, radius, transmittance, shape, base, crown_base, trunk_radius, id, layer, crs, of_length
     )
-    if below is not None and (below.data.instanced or not below.data.resident):
-        raise InputError(f"{below.name}: trees are added to scenes in memory; load it with instances=False, or a file")
+    if below is not None:
+        below.data.check_resident()
+        if below.data.instanced:
+            raise InputError(f"{below.name}: trees are not added to instances; load it with instances=False")
     table = read_vegetation(trees, options, None if below is None else below.crs)
     up = "z" if below is None else below.up
     if below is not None:

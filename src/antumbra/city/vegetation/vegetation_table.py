@@ -16,6 +16,7 @@ from ...base.checks import choice, is_number, number, parts_of, path_of, quoted
 from ...base.errors import InputError
 from ...base.extras import import_extra
 from ...base.files import checked_file
+from ...base.wording import agreeing, counted, some_of
 from ...formats.foreign_formats import cure_of
 from ...formats.reprojection import projected_crs, vector_command
 from ...scene.crs import check_horizontal_crs, checked_crs, reproject, unit_of_crs
@@ -110,7 +111,7 @@ def read_vegetation(table: VegetationLike, options: VegetationOptions, crs: str 
     faults = _faults(rows.plan, bases, shapes)
     bad = np.flatnonzero(faults != "")
     if len(bad):
-        more = f" (and {len(bad) - 1} more trees have faults)" if len(bad) > 1 else ""
+        more = f" (and {counted(len(bad) - 1, 'more tree', 'have')} faults)" if len(bad) > 1 else ""
         raise InputError(f"{file}: tree {ids[bad[0]]!r} {faults[bad[0]]}{more}; correct it, or leave it out")
     return Plants(file, ids, rows.plan, bases, shapes, rows.crs)
 
@@ -214,8 +215,8 @@ def _numbers(value: Any, what: str, rows: _PlantRows) -> NDArray[np.float64]:
     bad = [text for text in unread.tolist() if text is not None]
     if bad:
         raise InputError(
-            f"{rows.file}: {len(bad)} of {len(unread)} rows of the column {value!r} for {what} are no numbers, such as "
-            f"{bad[0][:20]!r}; write {LENGTH_FORMS}"
+            f"{rows.file}: {some_of(len(bad), len(unread), 'row')} of the column {value!r} for {what} "
+            f"{agreeing(len(bad), 'lack')} a number, such as {bad[0][:20]!r}; write {LENGTH_FORMS}"
         )
     return lengths
 

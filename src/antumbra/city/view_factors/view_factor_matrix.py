@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ...base.checks import as_array, checked_instance, items, quoted
 from ...base.errors import InputError
 from ...base.files import atomic_output, checked_output
+from ...base.wording import counted, percent
 from ...work.result_summary import Summary, SummaryTable
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ class ViewFactors:
         n = len(areas)
         for name in ("names", "types"):
             if len(items(getattr(self, name), str, f"{name} of view factors")) != n:
-                raise InputError(f"{name} of view factors must be {n} strings, one for each area")
+                raise InputError(f"{name} of view factors must be {counted(n, 'string')}, one for each area")
         for name in ("matrix", "errors"):
             matrix = getattr(self, name)
             if getattr(matrix, "format", "") != "csr" or matrix.shape != (n, n + len(OUTSIDE)):
@@ -74,7 +75,7 @@ class ViewFactors:
         return len(self.areas)
 
     def __repr__(self) -> str:
-        return f"ViewFactors({len(self)} surfaces, {self.factors.nnz} view factors)"
+        return f"ViewFactors({counted(len(self), 'surface')}, {counted(self.factors.nnz, 'view factor')})"
 
     @property
     def factors(self) -> "csr_array":
@@ -116,7 +117,7 @@ class ViewFactors:
         rays, n = len(self) * self.about["samples"], self.factors.nnz
         values = {**self.about, "n": len(self), "area": float(self.areas.sum()), "rays": rays, "factors": n}
         values |= {"sampled_reciprocity_error": sampled_error, "seconds": seconds}
-        error = f"{sampled_error:.2%} before, 0 after" if "reciprocal" in self.about else f"{sampled_error:.2%}"
+        error = percent(sampled_error, 2) + (" before, 0 after" if "reciprocal" in self.about else "")
         lines = [("surfaces", f"{len(self):,}"), ("view factors", f"{n:,}"), ("reciprocity error", error)]
         shares = self.factors.sum(axis=1), self.sky, self.ground, self.other
         rows = [

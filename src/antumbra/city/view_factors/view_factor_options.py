@@ -18,7 +18,7 @@ MOST_SAMPLES = 1 << 22
 class ViewFactorSurfaces:
     """The surfaces of view factors."""
 
-    surfaces: Grouping = option(
+    per: Grouping = option(
         "surface",
         unchecked,
         "What a surface is; surface: a semantic surface of CityJSON, otherwise a planar part of an object.",

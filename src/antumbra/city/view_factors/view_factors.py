@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from ...base.errors import InputError
 from ...base.option_fields import Given, with_keywords
 from ...base.progress import Progress, with_progress
+from ...base.wording import counted
 from ...engine.measured_scenes import measured_scene
 from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike
@@ -16,7 +17,7 @@ from ...work.executors import Keep, checked_keep, executor_of
 from ...work.scene_records import scene_digest
 from ...work.work_parts import Parts, about_parts
 from ..sensors.point_checks import notes_on_faces, tell
-from ..sensors.surface_groups import Grouping, SurfaceGroups, surface_groups
+from ..sensors.surface_groups import Grouping, SurfaceGroups, notes_on_buildings, surface_groups
 from .hemisphere_rays import REPLICATES, HemisphereRays
 from .view_factor_matrix import OUTSIDE, ViewFactors
 from .view_factor_options import ViewFactorKeywords, ViewFactorOptions
@@ -24,6 +25,7 @@ from .view_factor_options import ViewFactorKeywords, ViewFactorOptions
 _P = ParamSpec("_P")
 
 RAYS_PER_PART = 1 << 19  # if a surface does not have more
+_FACE_BYTES = 1000  # of memory, with the normals and tangents from which rays are made
 
 
 @with_keywords(ViewFactorKeywords, 2)
@@ -31,7 +33,7 @@ RAYS_PER_PART = 1 << 19  # if a surface does not have more
 def view_factors(
     given: Given[_P],
     scene: SceneLike,
-    surfaces: Grouping = "surface",
+    per: Grouping = "surface",
     keep: Keep = None,
     progress: Progress = None,
     *args: _P.args,
@@ -46,10 +48,11 @@ def view_factors(
     Parameters
     ----------
     scene : Scene, or anything that `antumbra.load` takes
-    surfaces : str or (faces,) int
-        "surface": semantic surfaces of a city model; otherwise the planar parts of objects, whose faces are joined by
-        edges. "face", "object", or "building": the outermost objects of a city model. Or a number for each face, which
-        is equal for the faces of a surface; -1: the face belongs to none, and only blocks.
+    per : str or (faces,) int
+        What a surface is. "surface": a semantic surface of a city model; otherwise a planar part of an object, whose
+        faces are joined by edges. "face", "object", or "building": the outermost objects of a city model that are
+        buildings. Or a number for each face, which is equal for the faces of a surface; -1: the face belongs to none,
+        and only blocks, as do trees and roads beside buildings.
     keep : str, path-like or executor, optional
         Folder for the finished parts of an interrupted study, or an executor for the parts; see
         `antumbra.work.executors`.
@@ -66,7 +69,8 @@ def view_factors(
     Raises
     ------
     InputError
-        If an argument is invalid, no surface has an area, or the scene is in a store.
+        If an argument is invalid, no surface has an area, or a store has more triangles
+        than fit in memory.
 
     Warns
     -----
@@ -78,27 +82,27 @@ def view_factors(
     A surface sees itself if it is not convex: its own factor F_ii is then positive. Alpha masks and panes block rays as
     in `Scene.closest_hit`.
     """
-    options, scene = ViewFactorOptions(surfaces=surfaces, **given(*args, **keywords)), measured_scene(scene)
+    options, scene = ViewFactorOptions(per=per, **given(*args, **keywords)), measured_scene(scene)
     threads, time = thread_count(options.threads), scene.clamped(options.time)
     keep = checked_keep(keep)
     side, seed, samples = options.side, options.seed, 1 << (options.samples - 1).bit_length()
-    scene.data.check_resident()
+    scene.data.check_all(_FACE_BYTES)
     sign = -1.0 if side == "back" else 1.0
-    sampling = _Sampling.of(scene, surfaces, samples, side, seed, time)
-    warned = tell(notes_on_faces(scene, sign, time, threads))
+    sampling = _Sampling.of(scene, per, samples, side, seed, time)
+    warned = tell([*notes_on_buildings(scene, per), *notes_on_faces(scene, sign, time, threads)])
     n, executor, parts_about = len(sampling.groups.names), executor_of(keep), None
     if executor.folder is not None:
         settings = samples, side, seed, sampling.groups.of_face
         parts_about = about_parts("view factors", scene_digest(scene, time, threads), *settings)
     work = lambda first, last: _counts(scene, sampling, first, last, time, threads)._asdict()
-    title = f"view factors: {n:,} surfaces x {samples:,} rays"
+    title = f"view factors: {counted(n, 'surface')} x {counted(samples, 'ray')}"
     parts = Parts(title, n, max(1, RAYS_PER_PART // samples), work, executor.folder, parts_about)
     if not executor.finish([parts]):
         return None  # type: ignore[return-value]  # a shard, of a command
     counts = _Counts(**parts.taken(_Counts._fields))
     executor.end([parts])
     about = {"job": "view factors", "scene": scene.name, "samples": samples, "side": side, "seed": seed, "time": time}
-    about |= {"surfaces": surfaces if isinstance(surfaces, str) else "numbers", **warned}
+    about |= {"per": per if isinstance(per, str) else "numbers", **warned}
     return _result(sampling, counts, about, scene.unit.square_metres)
 
 
@@ -111,8 +115,8 @@ class _Sampling(NamedTuple):
     side: str
 
     @classmethod
-    def of(cls, scene: AnyScene, surfaces: Grouping, samples: int, side: str, seed: int, time: float) -> "_Sampling":
-        groups, triangles = surface_groups(scene, surfaces), scene.triangles(time)
+    def of(cls, scene: AnyScene, per: Grouping, samples: int, side: str, seed: int, time: float) -> "_Sampling":
+        groups, triangles = surface_groups(scene, per), scene.triangles(time)
         corners = triangles.vertices.astype(np.float64)
         across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         of_face = np.where((across != 0.0).any(1), groups.of_face, -1)

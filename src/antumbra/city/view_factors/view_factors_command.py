@@ -40,8 +40,8 @@ class ViewFactorsCommand(StudyCommand[ViewFactorOptions, "list[tuple[ViewFactors
     \b
     Examples
       antumbra view-factors room.obj --side back --samples 65536 -o factors.csv
-      antumbra view-factors city.city.json --surfaces building -o factors.npz
-      antumbra view-factors car.glb --surfaces object --reciprocal -o factors.npz -o factors.csv
+      antumbra view-factors city.city.json --per building -o factors.npz
+      antumbra view-factors car.glb --per object --reciprocal -o factors.npz -o factors.csv
     """
 
     scene: SceneArgument = DEFAULT_SCENE
@@ -67,10 +67,6 @@ class ViewFactorsCommand(StudyCommand[ViewFactorOptions, "list[tuple[ViewFactors
     shard: Annotated[ShardOption, LISTED_LAST] = None
     ray: RayOption = None
     merge: MergeOption = None
-
-    @property
-    def needs_memory(self) -> bool:
-        return True
 
     def check(self) -> None:
         for path in self.paths("output"):
