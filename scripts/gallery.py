@@ -3,7 +3,8 @@
     python scripts/gallery.py [--only NAME ...] [--quick] [--output FOLDER]
 
 A program of docs/gallery/ writes NAME.png into the current folder, which becomes docs/images/gallery/NAME.webp and its
-thumbnail small/NAME.webp. The picture and the output of examples/NAME.py go to docs/images/examples/.
+thumbnail small/NAME.webp; or NAME.webp, a film, which is kept as it is. The picture and the output of examples/NAME.py
+go to docs/images/examples/.
 
 Real scenes come from the folder $ANTUMBRA_SCENES. Without it, programs that need them are skipped with a message, and
 keep their old pictures. --quick makes tiny pictures, as the tests do; FOLDER replaces docs/images.
@@ -12,6 +13,7 @@ keep their old pictures. --quick makes tiny pictures, as the tests do; FOLDER re
 import argparse
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -122,7 +124,8 @@ def draw(program: Program, folder: Path, quick: bool = False) -> Path:
         run_shell(text, folder, stdout=subprocess.DEVNULL)
     else:
         _run_python(text, program.path, folder)
-    return folder / f"{program.name}.png"
+    film = folder / f"{program.name}.webp"
+    return film if film.exists() else film.with_suffix(".png")
 
 
 def quick_version(text: str) -> str:
@@ -155,7 +158,10 @@ def keep(picture: Path, target: Path, thumbnail: Path | None = None) -> None:
     image = Image.open(picture).convert("RGB")
     image.thumbnail((WIDEST, 4 * WIDEST), Image.Resampling.LANCZOS)
     target.parent.mkdir(parents=True, exist_ok=True)
-    image.save(target, quality=82, method=6)
+    if picture.suffix == target.suffix:
+        shutil.copyfile(picture, target)
+    else:
+        image.save(target, quality=82, method=6)
     if thumbnail is not None:
         thumbnail.parent.mkdir(parents=True, exist_ok=True)
         ImageOps.fit(image, THUMBNAIL, Image.Resampling.LANCZOS).save(thumbnail, quality=78, method=6)

@@ -24,15 +24,22 @@ def _city_view() -> at.Camera:
 
 
 def city(path: Path) -> None:
-    """The shadows of a city."""
+    """The shadows of a city, which are long in the morning."""
     scene = at.procedural("city", triangles=20_000)
-    scene.page(path, title="A city", when=f"{SPRING}T15:00", place=PLACE, camera=_city_view(), credits=_CREDITS)
+    scene.page(path, title="A city", when=f"{SPRING}T07:45", place=PLACE, camera=_city_view(), credits=_CREDITS)
+
+
+def village(path: Path) -> None:
+    """The example village, as by the command of the page about pages."""
+    scene = at.examples.village()
+    place = at.place_of(scene, timezone="Europe/Amsterdam")
+    scene.page(path, when=f"{SPRING}T16:30", place=place, credits=_CREDITS)
 
 
 def hours(path: Path) -> None:
-    """Hours of sun on all surfaces of the city."""
-    table = at.sun_hours(at.procedural("city", triangles=20_000), "grid:2", SPRING, place=PLACE, step=15)
-    table.page(path, title="Hours of sun on 21 March", camera=_city_view(), credits=_CREDITS)
+    """Hours of sun on all surfaces of a village, as by the command of the page of sun hours."""
+    table = at.sun_hours(at.examples.village(), "grid:1", SPRING, step=15)
+    table.page(path, title="Hours of sun on 21 March", when=f"{SPRING}T15:30", credits=_CREDITS)
 
 
 def courtyard(path: Path) -> None:
@@ -43,7 +50,7 @@ def courtyard(path: Path) -> None:
     baked.page(path, title="A courtyard", when="2026-06-21T13:00", place=PLACE, camera=view, credits=_CREDITS)
 
 
-PAGES: dict[str, Callable[[Path], None]] = {"city": city, "hours": hours, "courtyard": courtyard}
+PAGES: dict[str, Callable[[Path], None]] = {"city": city, "village": village, "hours": hours, "courtyard": courtyard}
 
 
 def write(name: str, path: Path) -> None:

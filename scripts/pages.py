@@ -19,12 +19,15 @@ import threading
 from contextlib import contextmanager
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "docs" / "_ext"))
+import search_words
+
 WIDTHS = 390, 1280  # pixels
 LONGEST = 900  # seconds for all pages
 NAMES = "chromium", "chromium-browser", "google-chrome", "chrome"
 WORDS = {
     "viewshed": "jobs/line-of-sight",
-    "lightmap": "tutorials/bake",
+    "lightmap": "jobs/bake",
     "skyline": "jobs/skyline",
     "horizon": "jobs/skyline",
     "daylight": "jobs/sun",
@@ -35,7 +38,7 @@ WORDS = {
     "utm": "wrong-elsewhere",
     "gpu": "install",
     "pvlib": "jobs/skyline",
-    "trimesh": "trades/tools",
+    "trimesh": "tutorials/others",
     "error": "errors",
     "format": "files",
 }
@@ -169,7 +172,7 @@ def faults(results: list[dict]) -> list[str]:
 
 
 def search_faults(site: Path) -> list[str]:
-    """A line per search term that does not list its page."""
+    """A line per search term that does not list its page, or not first."""
     text = (site / "searchindex.js").read_text(encoding="utf-8")
     index = json.loads(text.removeprefix("Search.setIndex(").removesuffix(")"))
     lines = []
@@ -180,6 +183,9 @@ def search_faults(site: Path) -> list[str]:
             documents |= {n for numbers in at for n in (numbers if isinstance(numbers, list) else [numbers])}
         if page not in {index["docnames"][n] for n in documents}:
             lines.append(f"a search for {word!r} does not find {page}")
+    for word, page in search_words.PAGES.items():
+        if page not in {index["docnames"][entry[0]] for entry in index["indexentries"].get(word, [])}:
+            lines.append(f"a search for {word!r} does not find {page} first")
     return lines
 
 

@@ -9,7 +9,22 @@ from collections import Counter
 from typing import Any, NamedTuple
 
 from claims import CLAIMS, CONDITIONS
-from claims.claim import Claim
+from claims.claim import Claim, Unmeasured
+
+from antumbra.lab.papers.chc_rt.chcrt_published import ChcrtTable
+from antumbra.lab.papers.multi_frusta.frusta_published import FrustaTable
+from antumbra.lab.papers.pre_bvh_culling.culling_published import CullingTable
+from antumbra.lab.papers.ray_hierarchy.ray_hierarchy_published import RayHierarchyTable
+from antumbra.lab.papers.srdh.srdh_published import SrdhTable
+
+TABLES = {
+    "multi-frusta": tuple(FrustaTable),
+    "pre-bvh-culling": tuple(CullingTable),
+    "srdh": tuple(SrdhTable),
+    "ray-hierarchy": tuple(RayHierarchyTable),
+    "chc-rt": tuple(table for table in ChcrtTable if table not in (ChcrtTable.phases, ChcrtTable.queries)),
+}
+"""Benchmark -> the tables that are measured."""
 
 HOLDS, FAILS, UNTRIED = "holds", "does not hold", "not tried"
 
@@ -33,9 +48,30 @@ class Judged(NamedTuple):
     why: str
 
 
+def missing_tables(results: dict[str, Any]) -> list[str]:
+    """The tables of a benchmark that its results do not have, as far as they say which they have."""
+    if "tables" not in results:
+        return []
+    name = results["about"]["command"].split()[2]
+    return [table.value for table in TABLES[name] if table not in results["tables"]]
+
+
 def judged(claim: Claim, results: dict[str, Any]) -> Judged:
-    """A claim, judged by the results of the paper's benchmark."""
-    numbers = claim.numbers(results) if claim.numbers else ()
+    """A claim, judged by the results of the paper's benchmark.
+
+    Raises
+    ------
+    LookupError or ValueError
+        If the results lack its numbers, though they have all tables.
+    """
+    try:
+        numbers = claim.numbers(results) if claim.numbers else ()
+    except Unmeasured:
+        return Judged(claim, "", UNTRIED, "would take too long at this size")
+    except (LookupError, ValueError):
+        if missing := missing_tables(results):
+            return Judged(claim, "", UNTRIED, f"not measured at this size (tables {', '.join(missing)})")
+        raise
     if claim.holds is None:
         verdict = UNTRIED
     else:
@@ -52,7 +88,14 @@ def all_judged(name: str, results: dict[str, Any]) -> list[Judged]:
 
 def conditions(name: str, results: dict[str, Any]) -> list[str]:
     """What to know about the measurements of a paper: sizes, chosen views, and what is compared with what."""
-    return [text if isinstance(text, str) else text(results) for text in CONDITIONS[name]]
+    found = []
+    for text in CONDITIONS[name]:
+        try:
+            found.append(text if isinstance(text, str) else text(results))
+        except (LookupError, ValueError):
+            if not missing_tables(results):
+                raise
+    return found
 
 
 def _bullets(lines: list[str]) -> str:

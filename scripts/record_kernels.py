@@ -78,9 +78,10 @@ def measured(kernels: list[tuple[str, str]]) -> dict[tuple[str, str], dict]:
 
 def device_kernels() -> list[tuple[str, str]]:
     """The kernels of devices: (name, argument types)."""
-    from antumbra.trace.device.device_kernels import DEVICE_KERNELS
+    from antumbra.techniques.culling import device_culling  # noqa: F401, it adds kernels
+    from antumbra.trace.device.device_kernels import KERNELS
 
-    return sorted({(each.kernel.name, each.key) for each in DEVICE_KERNELS})
+    return sorted({(each.kernel.name, each.key) for each in KERNELS.values()})
 
 
 def written(file: Path, jobs: list[str], calls: dict, sizes: dict, devices: Sequence[tuple[str, str]] = ()) -> None:

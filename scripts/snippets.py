@@ -2,15 +2,17 @@
 
 python scripts/snippets.py command README.md pytest   prints the only command line that ends with pytest
 python scripts/snippets.py run README.md docs/*.md    runs the Python blocks of each page, as one program
-python scripts/snippets.py all docs/tutorials/*.md    runs the shell blocks (sh) too, all blocks in their order
+python scripts/snippets.py all docs/tutorials/*.md    runs shell blocks (sh) that need no other files, too, in order
 """
 
 import os
 import re
+import shlex
 import subprocess
 import sys
 import tempfile
 from contextlib import contextmanager
+from itertools import pairwise
 from pathlib import Path
 
 _BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -62,8 +64,23 @@ def run_all(paths: list[Path]) -> None:
                 if match[1] == "python":
                     source = "\n" * text.count("\n", 0, match.start(2)) + match[2]
                     exec(compile(source, str(path), "exec"), names)
-                elif match[1] == "sh":
+                elif match[1] == "sh" and is_alone(match[2]):
                     run_shell(match[2], Path.cwd())
+
+
+def is_alone(text: str) -> bool:
+    """Whether shell commands need no file of the reader: their scenes come with the package, or exist by then."""
+    made = set[str]()
+    for line in text.replace("\\\n", " ").splitlines():
+        words = shlex.split(line, comments=True)
+        if words[:1] != ["antumbra"] or words[1] == "view":
+            return False
+        scene = next((word for word in words[2:] if not word.startswith("-")), "")
+        in_package = words[1] == "scenes" or scene.startswith(("procedural:", "example:"))
+        if not (in_package or scene in made or Path(scene).exists()):
+            return False
+        made |= {after for word, after in pairwise(words) if word in ("-o", "--output")}
+    return True
 
 
 def run_shell(text: str, folder: Path, **options) -> None:

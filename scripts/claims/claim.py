@@ -23,8 +23,20 @@ class Claim(NamedTuple):
     remark: str = ""  # said whatever the verdict
 
 
+def at_size(r: Results, paper: str, field: str = "size") -> str:
+    """The size of pictures as text, beside the paper's."""
+    size = " x ".join(map(str, r[field]))
+    return f"{size} as in the paper" if size == paper else f"{size}, the paper at {paper}"
+
+
+class Unmeasured(LookupError):
+    """The numbers of a claim were not measured, because they would have taken too long."""
+
+
 def spread(found: Sequence[float]) -> tuple[float, float, float]:
-    """The least, the greatest and the median of some numbers."""
+    """The least, the greatest and the median of some numbers; `Unmeasured` if there are none."""
+    if not found:
+        raise Unmeasured
     return min(found), max(found), median(found)
 
 

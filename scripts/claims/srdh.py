@@ -167,7 +167,8 @@ CLAIMS: tuple[Claim, ...] = (
         ),
         lambda low, high, _: max(-low, high) <= 3,
         "",
-        "the greedy choice misses what distance kernels alone would save",
+        "the greedy choice misses what distance kernels alone would save; chosen in the finished tree, all kernels "
+        "would save at most 8.3 % with opposed lights and 3.4 % elsewhere, counted once",
     ),
     Claim(
         "4.3",
@@ -189,6 +190,9 @@ CLAIMS: tuple[Claim, ...] = (
         "{:.2f}, and {:.2f} with shared triangles",
         lambda r: (max(values(r["memory"], "growth")), max(values(r["memory"], "growth_shared"))),
         lambda growth, shared: shared < growth <= 2,
+        "",
+        "one tree by `srdh` can serve all rays: camera and diffuse rays take 0.83 to 1.13 of their time in a tree by "
+        "`bsah`, measured once",
     ),
     Claim(
         "5",

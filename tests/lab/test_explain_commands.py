@@ -31,7 +31,7 @@ def test_random_order_and_srdh_are_compared(explain, tmp_path):
         assert one["box_tests_per_ray"] == one["box_tests"] / told["rays"] and one["triangle_tests_per_ray"] > 0
         assert sum(one["depths"]["histogram"]) == told["blocked"] and one["depths"]["mean"] >= 1
     assert told["frequent"]["triangles"] >= 1 and told["blocked"] / 2 <= told["frequent"]["rays"] <= told["blocked"]
-    assert (told["spp"], told["srdh_rays"], told["before"], told["camera"]["width"]) == (4, None, None, 48)
+    assert (told["spp"], told["srdh_rays"], told["previous"], told["camera"]["width"]) == (4, None, None, 48)
     picture = np.asarray(Image.open(tmp_path / told["output"])).astype(int)
     assert told["output"] == "antumbra-explain.png" and picture.shape[1] > 2 * 48
     assert (picture[..., 0] > picture[..., 2] + 100).any() and (picture == 0).all(axis=-1).any()
@@ -64,7 +64,7 @@ def test_which_rays_the_builder_is_shown(explain):
     few = steps("--srdh-rays", "2")
     assert few[0] != boxes and few[1:] == (rays, {"size": 2, "spp": 4, "bounce": False, "last_frame": False})
     assert steps("--srdh-rays", "16") == (boxes, rays, {**few[2], "size": 16})
-    assert steps("--srdh-rays", "last-frame", "--before", "0.1")[0] == boxes  # nothing moves in this scene
+    assert steps("--srdh-rays", "last-frame", "--previous", "0.1")[0] == boxes  # nothing moves in this scene
 
 
 def test_nothing_seen_has_no_steps(explain):
@@ -100,9 +100,9 @@ def test_plans_that_differ_are_a_bug_and_leave_no_picture(explain, monkeypatch, 
         (("--srdh-rays", "0"), ["--srdh-rays 0", "1"]),
         (("--srdh-rays", "many"), ["'many'", "16, 32 or all"]),
         (("--srdh-rays", "32", "--plan", "bsah+single"), ["bsah+single", "is ray-guided"]),
-        (("--srdh-rays", "last-frame"), ["last-frame", "--before"]),
-        (("--before", "0"), ["--before is 0"]),
-        (("--before", "nan"), ["--before is nan"]),
+        (("--srdh-rays", "last-frame"), ["last-frame", "--previous"]),
+        (("--previous", "0"), ["--previous is 0"]),
+        (("--previous", "nan"), ["--previous is nan"]),
         (("--size", "0"), ["--size"]),
         (("-o", "a.exr"), [".exr", ".png"]),
         (("-o", "none/a.png"), ["none", "does not exist"]),

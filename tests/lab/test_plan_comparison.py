@@ -61,7 +61,7 @@ def test_tests_of_windows_are_those_of_the_frame(found):
     for one in found.plans[1:3]:  # `single` also tests the last blocker of the window before
         assert one.windows.shape == (2, 3)
         tests = one.counters["box_tests"] + one.counters["triangle_tests"]
-        assert (one.windows * rays).sum() == pytest.approx(tests)
+        assert (one.windows * rays).sum() == pytest.approx(tests, rel=0.02)  # hard shadows join tiles of two windows
     assert found.plans[3].windows is None
 
 

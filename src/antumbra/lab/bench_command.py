@@ -10,12 +10,12 @@ import inspect
 import json
 import shlex
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout, suppress
 from importlib.util import find_spec
 from pathlib import Path
 from time import monotonic
-from typing import Annotated, Any, NamedTuple, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_type_hints
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -31,19 +31,24 @@ from ..cli.options import Json, Quiet, writes_folder
 from ..picture.picture_records import plain
 from ..work.result_summary import duration
 
+if TYPE_CHECKING:
+    from .bench_parts import BenchParts
+
 # --- One benchmark: its options, its run and its results --------------------------------------------------------------
 
 
 OutputOption = Annotated[
     Path | None,
     typer.Option(
-        help="Also write the tables (.md, .json) and plots (.png) to a folder.",
+        help="Also write the tables (.md, .json) and plots (.png) to a folder. It keeps what has been measured: a run "
+        "that ended early resumes, and tables measured alone are joined.",
         metavar="FOLDER",
         show_default=False,
         callback=writes_folder(),
     ),
 ]
-_NEUTRAL = "output", "json", "quiet"  # options that do not affect results
+FreshOption = Annotated[bool, typer.Option("--fresh", help="Measure again what the output folder already has.")]
+_NEUTRAL = "output", "fresh", "json", "quiet"  # options that do not affect results
 
 
 class BenchResult(NamedTuple):
@@ -61,11 +66,13 @@ class BenchRun:
 
     def __init__(self, name: str, context: typer.Context):
         options = context.params
-        self.name, self._command, self._quick = name, _command_line(context), options["quick"]
-        self._folder, self._json, quiet = options["output"], options["json"], options["quiet"]
-        self.silent = self._json or quiet
+        self.name, self._quick = name, options["quick"]
+        self._command, self._of_part = _command_line(context), _command_line(context, "table")
+        self._folder, self._json, self._quiet = options["output"], options["json"], options["quiet"]
+        self.silent, self._fresh = self._json or self._quiet, options["fresh"]
         self._draws = self._folder is not None and find_spec("matplotlib") is not None
-        self._display = ProgressDisplay(quiet)
+        self._display = ProgressDisplay(self._quiet)
+        self._parts: BenchParts | None = None
 
     def say(self, text: str) -> None:
         """Show the current operation."""
@@ -74,6 +81,20 @@ class BenchRun:
     def pictures(self) -> Path | None:
         """The folder for further pictures; None without --output or Matplotlib."""
         return self._folder if self._draws else None
+
+    def parts(
+        self,
+        settings: Mapping[str, Mapping[str, Any]],
+        rows: Iterable[type] = (),
+        tables: Collection[str] | None = None,
+    ) -> "BenchParts":
+        """The parts of this benchmark, stored in its output folder; see `BenchParts`."""
+        from .bench_parts import BenchParts
+
+        folder = None if self._folder is None else self._folder / f"{self.name}.parts"
+        every = {table: {**each, "quick": self._quick} for table, each in settings.items()}
+        self._parts = BenchParts(every, rows, tables or None, folder=folder, fresh=self._fresh, command=self._of_part)
+        return self._parts
 
     def finish(self, measure: Callable[[], BenchResult], plot: Path | None) -> None:
         """Measure, and print and write the result. `plot`: a further file for the plot.
@@ -86,13 +107,20 @@ class BenchRun:
         if plot is not None:
             check_plot(plot)
         from ..kernels.jit import recorded_calls
-        from .bench_conditions import collected_spreads, conditions, kernel_digests, summary_of
+        from .bench_conditions import collected_laps, conditions, joined_digests, kernel_digests, summary_of
 
-        with self._display, collected_spreads() as spreads, recorded_calls() as calls:
+        with self._display, collected_laps() as laps, recorded_calls() as calls:
             result = measure()
             self._draw(result, plot)
-        about = conditions(self._command, self._quick)
-        answer: dict[str, Any] = {"about": about, "spread": summary_of(spreads), **result.answer}
+        parts = [] if self._parts is None else self._parts.conditions()
+        spreads = [*laps.spreads, *(spread for part in parts for spread in part.spreads)]
+        joined = self._parts is not None and self._folder is not None
+        answer: dict[str, Any] = {"about": conditions(self._of_part if joined else self._command, self._quick)}
+        if self._parts is not None:
+            answer["tables"] = self._parts.of_tables()
+            if self._parts.resumed and not self._quiet:
+                say(f"parts measured before: {self._parts.resumed}; --fresh measures them again")
+        answer |= {"spread": summary_of(spreads), **result.answer}
         record, same = Record(None if self.silent else sys.stdout), result.same_bits
         with redirect_stdout(record):
             result.print_tables()
@@ -100,7 +128,7 @@ class BenchRun:
                 answer["same_bits"] = same
                 verdict = "the same by all methods" if same else "DIFFER: please report this"
                 console.print_fields([("bits", verdict)])
-        answer["kernels"] = kernel_digests(calls)
+        answer["kernels"] = joined_digests([*(part.kernels for part in parts), kernel_digests(calls)])
         if self._folder is not None:
             self._write(self._folder, record, answer)
         if self._json:
@@ -133,7 +161,7 @@ def benchmark(**quick: Any) -> Callable[[Callable[..., BenchResult]], Callable[.
     """Decorator of a command ``f(run, options)`` of ``antumbra bench``: `run` is a `BenchRun`.
 
     `options` is a NamedTuple whose annotated fields become the options of the command, followed by --quick, --output,
-    --json and --quiet. Its field `plot`, if any, is a further file for the plot.
+    --fresh, --json and --quiet. Its field `plot`, if any, is a further file for the plot.
 
     quick : option -> its value with --quick, unless the user sets it
     """
@@ -142,7 +170,7 @@ def benchmark(**quick: Any) -> Callable[[Callable[..., BenchResult]], Callable[.
         options = inspect.signature(command).parameters["options"].annotation
 
         def run(
-            context: typer.Context, quick: bool, output: Path | None, json: bool, quiet: bool, **given: Any
+            context: typer.Context, quick: bool, output: Path | None, fresh: bool, json: bool, quiet: bool, **given: Any
         ) -> None:
             if quick:
                 given |= {name: value for name, value in wrapper.quick.items() if not _is_given(context, name)}
@@ -196,8 +224,15 @@ def _parameters(options: Any, quick: dict[str, Any]) -> list[inspect.Parameter]:
     shorter = " ".join(f"--{name.replace('_', '-')} {each}" for name, several in values for each in several)
     quick_option = Annotated[bool, typer.Option("--quick", help=f"Measure less, as with {shorter}.")]
     types = {"context": typer.Context, **get_type_hints(options, include_extras=True), "quick": quick_option}
-    types |= {"output": OutputOption, "json": Json, "quiet": Quiet}
-    defaults = {"quick": False, "output": None, "json": False, "quiet": False, **options._field_defaults}
+    types |= {"output": OutputOption, "fresh": FreshOption, "json": Json, "quiet": Quiet}
+    defaults = {
+        "quick": False,
+        "output": None,
+        "fresh": False,
+        "json": False,
+        "quiet": False,
+        **options._field_defaults,
+    }
     keyword, none = inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.empty
     return [inspect.Parameter(n, keyword, default=defaults.get(n, none), annotation=t) for n, t in types.items()]
 
@@ -207,12 +242,12 @@ def _is_given(context: typer.Context, name: str) -> bool:
     return source is not None and source.name != "DEFAULT"
 
 
-def _command_line(context: typer.Context) -> str:
-    """The command as typed, without options that do not affect results."""
+def _command_line(context: typer.Context, *without: str) -> str:
+    """The command as typed, without options that do not affect results, and without some others."""
     words = ["antumbra", "bench", context.command.name or ""]
     for parameter in context.command.params:
         name = parameter.name or ""
-        if not _is_given(context, name) or name in _NEUTRAL:
+        if not _is_given(context, name) or name in (*_NEUTRAL, *without):
             continue
         value = context.params[name]
         if value is True:
@@ -262,12 +297,13 @@ def _bench() -> None:
 def all_(
     quick: Annotated[bool, typer.Option("--quick", help="Measure less: ten minutes in all on two cores.")] = False,
     output: OutputOption = None,
+    fresh: FreshOption = False,
     quiet: Quiet = False,
 ) -> int:
     """Run all other benchmarks, one after the other.
 
     If one fails, a line on standard error gives the reason, the others still run, and the exit code is 1. After Ctrl-C,
-    the files of finished benchmarks remain.
+    the files of finished benchmarks remain, and the same command resumes.
 
     \b
     Examples
@@ -280,7 +316,7 @@ def all_(
             for k, name in enumerate(names, 1):
                 if not quiet:
                     print(f"== antumbra bench {name} ({k} of {len(names)})\n", flush=True)
-                start, failed = monotonic(), _run(name, quick, output, quiet)
+                start, failed = monotonic(), _run(name, quick, output, fresh, quiet)
                 took[name] = "failed after " * failed + duration(monotonic() - start)
                 gc.collect()  # free the scenes of this benchmark before the next one
         finally:
@@ -289,13 +325,14 @@ def all_(
     return UNFORESEEN if any(text.startswith("failed") for text in took.values()) else 0
 
 
-def _run(name: str, quick: bool, output: Path | None, quiet: bool) -> bool:
+def _run(name: str, quick: bool, output: Path | None, fresh: bool, quiet: bool) -> bool:
     """Run a benchmark. If it fails, print the reason and return True."""
     try:
         command = _loaded(name)
         options = {
             "quick": ["--quick"] * quick,
             "output": ["--output", str(output)] if output else [],
+            "fresh": ["--fresh"] * fresh,
             "quiet": ["--quiet"] * quiet,
         }
         words = [word for parameter in command.params for word in options.get(parameter.name or "", [])]

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from datetime import UTC, datetime
 from statistics import median, quantiles
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..cli.installation_commands import about
 
@@ -34,6 +34,15 @@ def kernel_digests(calls: Iterable[tuple[str, str]]) -> KernelDigests:
     for name, key in sorted(calls):
         digests.setdefault(name, {})[key] = _digest_now(name, key)
     return digests
+
+
+def joined_digests(digests: Iterable[KernelDigests]) -> KernelDigests:
+    """The digests of the kernels of several measurements."""
+    joined: KernelDigests = {}
+    for each in digests:
+        for name, keys in each.items():
+            joined[name] = {**joined.get(name, {}), **keys}
+    return joined
 
 
 def changed_kernels(recorded: Mapping[str, Mapping[str, str]]) -> list[str]:
@@ -64,40 +73,54 @@ def python_of_digests() -> str:
     return f"{sys.version_info[0]}.{sys.version_info[1]}"
 
 
-# --- The spread of timings --------------------------------------------------------------------------------------------
+# --- Rounds and spread of timings -------------------------------------------------------------------------------------
 
 
 SHORTEST = 1e-4
 """Seconds: the spread of shorter timings says more about the clock than about the method."""
 
-_spreads: ContextVar[list[float] | None] = ContextVar("spreads", default=None)
+
+class CollectedLaps(NamedTuple):
+    """What `record_laps` records."""
+
+    spreads: list[float]  # of each repeated timing: its range, relative to its median
+    rounds: list[int]  # of each case
+
+
+_collected: ContextVar[CollectedLaps | None] = ContextVar("collected", default=None)
 
 
 @contextmanager
-def collected_spreads() -> Iterator[list[float]]:
-    """Collect the spreads that `record_laps` records in this block."""
-    spreads: list[float] = []
-    token = _spreads.set(spreads)
+def collected_laps() -> Iterator[CollectedLaps]:
+    """Collect what `record_laps` records in this block."""
+    laps = CollectedLaps([], [])
+    token = _collected.set(laps)
     try:
-        yield spreads
+        yield laps
     finally:
-        _spreads.reset(token)
+        _collected.reset(token)
 
 
 def record_laps(laps: Sequence[Any]) -> None:
-    """Record the spread of repeated timings of one case: the range of each, relative to its median.
+    """Record the rounds of one case, and the spread of its timings.
 
     laps : one entry per round: seconds, or tuples and mappings of seconds. Other values are ignored.
     """
-    spreads = _spreads.get()
-    if spreads is None or len(laps) < 2:
+    collected = _collected.get()
+    if collected is not None and laps:
+        collected.rounds.append(len(laps))
+        _record_spreads(laps, collected.spreads)
+
+
+def _record_spreads(laps: Sequence[Any], spreads: list[float]) -> None:
+    if len(laps) < 2:
         return
     if isinstance(laps[0], Mapping):
         for name in laps[0]:
-            record_laps([lap[name] for lap in laps if name in lap])
+            _record_spreads([lap[name] for lap in laps if name in lap], spreads)
     elif isinstance(laps[0], tuple):
         for column in zip(*laps):
-            record_laps(column)
+            _record_spreads(column, spreads)
     elif isinstance(laps[0], float) and median(laps) >= SHORTEST:
         spreads.append((max(laps) - min(laps)) / median(laps))
 

@@ -14,6 +14,7 @@ import typer
 from numpy.typing import NDArray
 
 from ..base.errors import InputError
+from ..base.wording import counted
 from ..cli import arguments, console, picture_report
 from ..cli.console import UNFORESEEN, ProgressDisplay, say
 from ..cli.installation_commands import about
@@ -179,7 +180,7 @@ class ComparisonPanels:
             return scale.colours(windows_to_pixels(one.windows, comparison.asks), comparison.asks)
 
         self.panels: list[Panel] = [
-            Panel(_rendered(report), (report.scene.name, f"{comparison.frame.rays:,} shadow rays"))
+            Panel(_rendered(report), (report.scene.name, f"{counted(comparison.frame.rays, 'shadow ray')}"))
         ]
         self.panels += [Panel(heat_map(one), (str(one.plan), _label(comparison, one))) for one in comparison.plans]
         self.bar: ColourBar = scale.bar(_CAPTION)
@@ -372,7 +373,7 @@ def save_comparison_page(report: ComparisonReport, panels: ComparisonPanels, pat
         "<h2>Command</h2>",
         f"<pre>{escape(report.arguments.command())}</pre>",
     ]
-    picture_report.save_page(f"{len(comparison.plans)} plans on {report.scene.name}", parts, path)
+    picture_report.save_page(f"{counted(len(comparison.plans), 'plan')} on {report.scene.name}", parts, path)
 
 
 def _pictures(panels: ComparisonPanels) -> str:

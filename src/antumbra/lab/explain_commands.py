@@ -11,6 +11,7 @@ import typer
 from numpy.typing import NDArray
 
 from ..base.errors import InputError
+from ..base.wording import counted
 from ..cli import arguments, console
 from ..cli.options import (
     CameraOption,
@@ -73,7 +74,7 @@ class ExplainArguments(SceneArguments):
     camera: CameraOption = None
     light: LightOption = None
     time: TimeOption = 0.0
-    before: Annotated[
+    previous: Annotated[
         float | None,
         typer.Option(
             help="First build a frame this many seconds earlier, for plans that reuse state (refit, last-frame).",
@@ -106,17 +107,17 @@ def explain(args: ExplainArguments) -> int:
     Examples
       antumbra explain
       antumbra explain zdm2.glb --plan bsah+single:rtsah --plan srdh+single --srdh-rays 32
-      antumbra explain robot.glb --time 2 --before 0.04 --plan bsah+single --plan bsah+refit+single
+      antumbra explain robot.glb --time 2 --previous 0.04 --plan bsah+single --plan bsah+refit+single
       antumbra explain city.glb --light sun:1,-0.5,-1 --plan bsah+single --plan bsah+multifrusta --json
     """
     spec, width_height = args.spec_of(args.scene), arguments.parse_size(args.size)
     camera_spec = None if args.camera is None else arguments.parse_camera(args.camera)
     light_specs = [arguments.parse_light(text) for text in args.light or []]
-    if args.before is not None and not 0.0 < args.before <= 1e9:
-        raise InputError(f"--before is {args.before:g}; it must be a positive number of seconds, such as 0.04")
+    if args.previous is not None and not 0.0 < args.previous <= 1e9:
+        raise InputError(f"--previous is {args.previous:g}; it must be a positive number of seconds, such as 0.04")
     rays = None if args.srdh_rays is None else arguments.parse_srdh_rays(args.srdh_rays)
-    if rays is not None and rays.last_frame and args.before is None:
-        raise InputError("--srdh-rays last-frame needs an earlier frame; add --before SECONDS")
+    if rays is not None and rays.last_frame and args.previous is None:
+        raise InputError("--srdh-rays last-frame needs an earlier frame; add --previous SECONDS")
 
     from ..base.files import checked_output
     from ..engine.plan import with_sample
@@ -139,7 +140,9 @@ def explain(args: ExplainArguments) -> int:
             view = arguments.make_camera(camera_spec, opened, at, width_height)
             return TimeSample(opened.clamped(at), view, arguments.make_lights(light_specs, opened, at))
 
-        moments = [moment(at) for at in ([args.time] if args.before is None else [args.time - args.before, args.time])]
+        moments = [
+            moment(at) for at in ([args.time] if args.previous is None else [args.time - args.previous, args.time])
+        ]
         say = lambda name, i: run.say(f"counting the steps of {name}", i, len(plans))
         explanation = explained(opened, moments, plans, spp=args.spp, threads=args.threads, say=say)
         run.save(lambda path: save_png(_picture(explanation), path), [path])
@@ -149,7 +152,7 @@ def explain(args: ExplainArguments) -> int:
             "scene": args.record_of(args.scene),
             "triangles": opened.n_triangles,
             "time": moments[-1].time,
-            "before": args.before,
+            "previous": args.previous,
             "camera": camera_fields(moments[-1].camera),
             "lights": [light_fields(each) for each in moments[-1].lights],
             "spp": args.spp,
@@ -161,7 +164,7 @@ def explain(args: ExplainArguments) -> int:
         console.print_fields(
             [
                 ("picture", str(path)),
-                ("scene", f"{args.record_of(args.scene)}, {opened.n_triangles:,} triangles"),
+                ("scene", f"{args.record_of(args.scene)}, {counted(opened.n_triangles, 'triangle')}"),
                 *_fields(explanation),
             ]
         )
@@ -222,7 +225,7 @@ def _fields(explanation: "Explanation") -> Iterator[tuple[str, str]]:
     yield "rays", f"{rays:,}" + (f", {100 * blocked / rays:.3g} % of them blocked" if rays else "")
     if blocked:
         share = 100 * explanation.frequent_rays / blocked
-        yield "frequent", f"{len(explanation.frequent):,} triangles block {share:.0f} % of the blocked rays"
+        yield "frequent", f"{counted(len(explanation.frequent), 'triangle', 'block')} {share:.0f} % of the blocked rays"
     yield "bits", "identical for all plans"
 
 
@@ -318,7 +321,8 @@ def culling(args: CullingArguments) -> int:
         hint = spelling_hint(args.culler, CULLERS)
         raise InputError(f"culler {args.culler!r} is unknown; {hint}choose one of {', '.join(CULLERS)}")
     with StudyRun(args) as run:
-        opened = run.open(spec, to_memory=True).bare
+        opened = run.open(spec).bare
+        opened.data.check_resident()
         view = arguments.make_camera(camera_spec, opened, args.time, width_height)
         lights = arguments.make_lights(light_specs, opened, args.time)
         picture = culling_picture(opened, view, lights, args.culler, spp=args.spp, time=args.time, threads=args.threads)
@@ -336,11 +340,11 @@ def culling(args: CullingArguments) -> int:
         "targets": picture.targets,
         "seconds": picture.seconds,
     }
-    cells = f"{picture.marked:,} of {picture.cells:,} marked, between {picture.sources:,} boxes of receivers "
+    cells = f"{picture.marked:,} of {picture.cells:,} marked, between {counted(picture.sources, 'box')} of receivers "
     fields = [
         ("picture", str(path)),
-        ("scene", f"{args.record_of(args.scene)}, {opened.n_triangles:,} triangles"),
-        ("kept", f"{picture.kept:,} triangles, {100 * share:.3g} %"),
+        ("scene", f"{args.record_of(args.scene)}, {counted(opened.n_triangles, 'triangle')}"),
+        ("kept", f"{counted(picture.kept, 'triangle')}, {100 * share:.3g} %"),
         ("cells", f"{cells}and {picture.targets:,} of lights"),
         ("time", duration(picture.seconds)),
     ]

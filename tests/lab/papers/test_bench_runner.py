@@ -4,10 +4,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from antumbra.lab.bench_conditions import collected_laps
 from antumbra.lab.papers.bench_runner import (
     TableColumn,
     beside,
     columns_of,
+    few_rounds,
     interleave,
     label,
     medians,
@@ -28,6 +30,18 @@ def test_answers_are_compared_question_by_question():
     found = [("a", b"1"), ("b", b"2"), ("a", b"1")]
     assert agree(found) and agree([])
     assert not agree([*found, ("b", b"1")])
+
+
+def test_times_of_few_rounds_say_so():
+    shown = [few_rounds("1.0", rounds) for rounds in (1, 2, 3, 9)]
+    assert shown == ["1.0 (1 round)", "1.0 (2 rounds)", "1.0", "1.0"] and few_rounds("", None) == ""
+
+
+def test_rounds_are_recorded_where_there_are_several():
+    with collected_laps() as laps:
+        interleave("ab", 3, lambda case, turn: None if (case, turn) == ("b", 1) else 1.0)
+        interleave("a", 1, lambda case, turn: 1.0)
+    assert laps.rounds == [3, 2]
 
 
 def test_cases_take_turns():

@@ -10,13 +10,29 @@ from typing import Annotated, Any, NamedTuple
 import typer
 
 from ...base.errors import InputError
+from ...base.memory import readable_size
 from ...cli import arguments, console
 from ...cli.options import MaxMemoryOption, Threads, writes_folder
 from ...picture.render_options import CullFaces
 from ..bench_command import BenchResult, BenchRun, benchmark
-from .bench_runner import ImageSize, Rounds, plot_option, records, scene_option
+from .bench_runner import (
+    Clock,
+    ClockOption,
+    ImageSize,
+    Rounds,
+    check_plot_of_all,
+    checked_clock,
+    clocked,
+    plot_option,
+    records,
+    scene_option,
+    table_option,
+)
 from .chc_rt.chcrt_published import IN_CORE, PAGED, WALKED, ChcrtTable
-from .srdh.srdh_published import Lighting
+from .multi_frusta.frusta_published import FrustaTable
+from .pre_bvh_culling.culling_published import CullingTable
+from .ray_hierarchy.ray_hierarchy_published import RayHierarchyTable
+from .srdh.srdh_published import Lighting, SrdhTable
 
 # --- antumbra bench multi-frusta --------------------------------------------------------------------------------------
 
@@ -27,52 +43,61 @@ class FrustaOptions(NamedTuple):
     scene: Annotated[list[str] | None, scene_option("two folders of $ANTUMBRA_SCENES, if they exist, and forest")] = (
         None
     )
+    table: Annotated[list[FrustaTable] | None, table_option()] = None
     plot: Annotated[Path | None, plot_option("speedups, and Figures 5 to 7")] = None
-    size: ImageSize = "512x512"
+    size: ImageSize = "1024x1024"
     primary_size: Annotated[str, typer.Option(help="Image size for primary rays.", metavar="WxH")] = "1024x1024"
+    lights_size: Annotated[
+        str, typer.Option(help="Image size for Section 6.1, which has no figures.", metavar="WxH")
+    ] = "512x512"
     cull_faces: Annotated[
         CullFaces, typer.Option(help="Triangle side that does not block shadow rays; published with: back.")
     ] = CullFaces.back
     rounds: Rounds = 3
 
 
-@benchmark(size="160x160", primary_size="160x160", rounds=1)
+@benchmark(size="160x160", primary_size="160x160", lights_size="160x160", rounds=1)
 def multi_frusta(run: BenchRun, options: FrustaOptions) -> BenchResult:
     """Multi-frusta tracing compared with packets: accesses, tests and times [Benthin and Wald 2009].
 
-    Traces 16 shadow rays per pixel to a square light on one thread. Table 1 compares the paper's tracers and ours with
-    packets of 16 rays, for primary, hard shadow and soft shadow rays; Section 5.2 has packets of 256 rays. Table 2
-    compares three kinds of frustum shrinking. Figure 5 compares 16 filtered samples with 256. Figure 6 scales the
-    light's edge by 1/4 to 8. Section 6.1 has virtual point lights, a sky and ambient occlusion. Figure 7 counts
-    silhouette pixels. Costs per operation are fitted to the times. All tracers give the same bits.
+    Traces 16 shadow rays per pixel to a square light on one thread, and measures CPU times. Table 1 compares the
+    paper's tracers and ours with packets of 16 rays, for primary (primary), hard shadow (hard) and soft shadow rays
+    (soft); Section 5.2 has packets of 256 rays. Table 2 compares three kinds of frustum shrinking (shrinking). Figure
+    5 compares 16 filtered samples with 256, and Figure 7 counts silhouette pixels (quality). Figure 6 scales the
+    light's edge by 1/4 to 8 (sizes). Section 6.1 has virtual point lights, a sky and ambient occlusion (lights). All
+    tracers give the same bits.
 
     \b
     Examples
       antumbra bench multi-frusta
       antumbra bench multi-frusta --scene forest --size 256 --rounds 3 --plot forest.png
+      antumbra bench multi-frusta --table soft --output results
     """
-    size = arguments.parse_size(options.size)
-
+    check_plot_of_all(options)
+    size, facing = arguments.parse_size(options.size), options.cull_faces.side
     primary_size = arguments.parse_size(options.primary_size, "--primary-size")
+    lights_size = arguments.parse_size(options.lights_size, "--lights-size")
 
     from .multi_frusta import frusta_measurements
     from .multi_frusta.frusta_plots import write_plot
-    from .multi_frusta.frusta_tables import MeasuredScene, print_tables
+    from .multi_frusta.frusta_tables import print_tables
 
-    scenes: list[MeasuredScene] = []
+    common = {"cull_faces": facing, "rounds": options.rounds, "size": size}
+    settings: dict[str, dict[str, Any]] = {table: common for table in FrustaTable}
+    settings[FrustaTable.primary] = {**common, "primary_size": primary_size}
+    settings[FrustaTable.lights] = {**common, "size": lights_size}
+    parts = run.parts(settings, (frusta_measurements.SceneRows, frusta_measurements.SoftShadowQuality), options.table)
+    effort = frusta_measurements.FrustaEffort(facing, primary_size, lights_size, options.rounds, run.say)
     for view in frusta_measurements.SCENES.open(options.scene, size, run.say):
-        case = frusta_measurements.case_of(view, options.cull_faces.side, primary_size)
-        tables = frusta_measurements.tables(case, options.rounds, run.say)
-        scenes.append(MeasuredScene(case, tables, frusta_measurements.measure_quality(case, run.say)))
-    rows = {
-        case.name: {**tables, "figure 5": quality.rows, "figure 7": {"edges": quality.edges}}
-        for case, tables, quality in scenes
-    }
-    costs = frusta_measurements.fitted_costs([scene.tables["costs"] for scene in scenes])
-    answer = {"size": size, "primary_size": primary_size, "rounds": options.rounds}
-    answer |= {"cull_faces": options.cull_faces.side, "rows": rows}
-    answer |= {"costs": {tracer: fitted._asdict() for tracer, fitted in costs.items()}}
-    return BenchResult(answer, partial(print_tables, scenes, costs), partial(write_plot, scenes), same_bits=True)
+        frusta_measurements.add_scene(parts, view, effort)
+    scenes = frusta_measurements.scenes_of(parts)
+    answer = {"size": size, "primary_size": primary_size, "lights_size": lights_size, "rounds": options.rounds}
+    answer |= {"threads": 1, "clock": Clock.cpu, "cull_faces": facing}
+    answer |= {"rows": {scene.name: frusta_measurements.records_of(scene) for scene in scenes}}
+    whole = all(table in parts for table in (FrustaTable.primary, FrustaTable.soft, FrustaTable.sizes))
+    plot = partial(write_plot, scenes) if whole and FrustaTable.quality in parts else None
+    compared = any(scene.tables for scene in scenes)  # measuring them raises if bits differ
+    return BenchResult(answer, partial(print_tables, scenes), plot, same_bits=compared or None)
 
 
 # --- antumbra bench ray-hierarchy -------------------------------------------------------------------------------------
@@ -85,16 +110,17 @@ class RayHierarchyBenchOptions(NamedTuple):
         list[str] | None,
         scene_option("four folders of $ANTUMBRA_SCENES, else atrium and forest", "a file, a folder of vertex frames"),
     ] = None
+    table: Annotated[list[RayHierarchyTable] | None, table_option()] = None
     plot: Annotated[Path | None, plot_option("the comparison with the report and curves")] = None
     size: ImageSize = "1024x1024"
     frames: Annotated[
-        int, typer.Option(help="Evenly spaced small frames of each animation, for curves.", min=0, max=10_000)
-    ] = 200
-    frame_size: Annotated[str, typer.Option(help="Size of these frames in pixels.", metavar="WxH")] = "128x128"
+        int, typer.Option(help="Evenly spaced frames of each animation, for curves, each once.", min=0, max=10_000)
+    ] = 800
+    frame_size: Annotated[str, typer.Option(help="Size of these frames in pixels.", metavar="WxH")] = "1024x1024"
     limit: Annotated[
         float,
         typer.Option(
-            help="Do not run variants predicted to take longer per picture, except in small frames.",
+            help="Do not run variants predicted to take longer per picture, except in frames for curves.",
             metavar="SECONDS",
             min=0.0,
         ),
@@ -107,6 +133,7 @@ class RayHierarchyBenchOptions(NamedTuple):
         ),
     ] = CullFaces.back
     rounds: Rounds = 3
+    clock: ClockOption = Clock.wall
     threads: Threads = None
 
 
@@ -115,8 +142,8 @@ def ray_hierarchy(run: BenchRun, options: RayHierarchyBenchOptions) -> BenchResu
     """Ray hierarchies: nodes, times and their variation [Olsson and Assarsson 2011].
 
     Traces one shadow ray per pixel to a point light with the variants of the report's Table 1 and ours. The pictures
-    are two frames of BART's robots and four of its museum, seen by BART's cameras (Table 2), and static scenes. Small
-    frames of the robots' animation give the curves of Figures 6 and 7.
+    are three frames of BART's robots and four of its museum, seen by BART's cameras (Table 2), and static scenes
+    (pictures). Frames of the robots' animation give the curves of Figures 6 and 7 (film).
 
     \b
     Examples
@@ -124,7 +151,8 @@ def ray_hierarchy(run: BenchRun, options: RayHierarchyBenchOptions) -> BenchResu
       antumbra bench ray-hierarchy --scene bart_robots --frames 40 --plot robots.png
       antumbra bench ray-hierarchy --scene procedural:forest --size 512 --limit 10
     """
-    size, frame_size = arguments.parse_size(options.size), arguments.parse_size(options.frame_size)
+    check_plot_of_all(options)
+    size, frame_size = arguments.parse_size(options.size), arguments.parse_size(options.frame_size, "--frame-size")
 
     from ...kernels.parallel import thread_count
     from .benchmark_views import agree
@@ -137,18 +165,32 @@ def ray_hierarchy(run: BenchRun, options: RayHierarchyBenchOptions) -> BenchResu
     effort = ray_hierarchy_measurements.Effort(
         thread_count(options.threads), options.rounds, options.limit, options.cull_faces.side
     )
+    clock = checked_clock(options.clock, effort.threads)
+    common = {"cull_faces": effort.cull_faces, "threads": effort.threads, "clock": clock}
+    settings: dict[str, dict[str, Any]] = {
+        RayHierarchyTable.pictures: {**common, "size": size, "limit": effort.limit, "rounds": effort.rounds},
+        RayHierarchyTable.film: {**common, "frame_size": frame_size},
+    }
+    parts = run.parts(settings, ray_hierarchy_measurements.ROWS, options.table)
     views = open_views(options.scene, size, run.say)
-    large = ray_hierarchy_measurements.measure_all([p for view in views for p in pictures(view)], effort, run.say)
-    frames = [p for view in views for p in film(view, options.frames, frame_size)]
-    small = ray_hierarchy_measurements.measure_all(frames, effort._replace(limit=None, rounds=1), run.say)
+    each = {RayHierarchyTable.pictures: effort, RayHierarchyTable.film: effort._replace(limit=None, rounds=1)}
+    with clocked(clock):
+        for view in views:
+            shown = {RayHierarchyTable.pictures: pictures(view)}
+            shown[RayHierarchyTable.film] = film(view, options.frames, frame_size)
+            for table, cases in shown.items():
+                ray_hierarchy_measurements.add_pictures(parts, table, cases, each[table], run.say)
+    large, small = (ray_hierarchy_measurements.joined(parts.values(table)) for table in RayHierarchyTable)
     claims, spreads = ray_hierarchy_measurements.claims(large), ray_hierarchy_measurements.spreads(small)
     relative = ray_hierarchy_measurements.relative_costs(small if small.pictures else large, FIGURE7)
     answer = {"size": size, "frames": options.frames, "frame_size": frame_size, **effort._asdict()}
-    answer |= {"pictures": records(large.pictures), "costs": records(large.costs), "claims": records(claims)}
+    answer |= {"clock": clock, "pictures": records(large.pictures), "costs": records(large.costs)}
+    answer |= {"claims": records(claims)}
     answer |= {"film": {"pictures": records(small.pictures), "costs": records(small.costs)}}
     answer |= {"figure 7": records(relative), "spreads": records(spreads)}
-    tables = partial(print_tables, large, small, claims, relative, spreads)
-    plot = partial(write_plot, large, small, claims)
+    filmed = parts.wants(RayHierarchyTable.film)
+    tables = partial(print_tables, large, small, claims, relative, spreads, filmed)
+    plot = partial(write_plot, large, small, claims) if RayHierarchyTable.pictures in parts else None
     return BenchResult(answer, tables, plot, agree([*large.answers(), *small.answers()]))
 
 
@@ -169,11 +211,13 @@ class SrdhBenchOptions(NamedTuple):
             show_default=False,
         ),
     ] = None
+    table: Annotated[list[SrdhTable] | None, table_option()] = None
     plot: Annotated[Path | None, plot_option("bars and curves")] = None
     size: Annotated[str, typer.Option(help="Image size for counting box tests.", metavar="WxH")] = "1024x1024"
     spp: Annotated[int, typer.Option(help="Shadow rays counted per light and point.", min=1, max=1024)] = 1
     timed_size: Annotated[str, typer.Option(help="Image size for timing.", metavar="WxH")] = "512x512"
     rounds: Rounds = 3
+    clock: ClockOption = Clock.wall
     threads: Threads = None
 
 
@@ -182,9 +226,9 @@ def srdh(run: BenchRun, options: SrdhBenchOptions) -> BenchResult:
     """Trees and traversal orders for shadow rays: box tests, build and trace times [Feltman et al. 2012].
 
     Box tests are counted for shadow rays from the visible surfaces, and from where one diffuse ray per visible point
-    hits (Figures 2, 4, 5). For Figure 3, the depths of frequent occluders are listed, and --output draws both trees.
-    Memory is as in Section 5. RTSAH is checked with uniformly distributed lines, which it assumes. Build times are as
-    in Table 1; trace times are for direct light at the visible surfaces.
+    hits (boxes: Figures 2, 4, 5). For Figure 3, the depths of frequent occluders are listed, and --output draws both
+    trees. Memory is as in Section 5. RTSAH is checked with uniformly distributed lines, which it assumes (rtsah). Build
+    times are as in Table 1 (builds); trace times are for direct light at the visible surfaces (renders).
 
     \b
     Examples
@@ -193,6 +237,7 @@ def srdh(run: BenchRun, options: SrdhBenchOptions) -> BenchResult:
       antumbra bench srdh --scene sponza_crytek --lighting opposed --lighting sky
       antumbra bench srdh --scene "procedural:cellar?triangles=50k" --size 256 --rounds 5
     """
+    check_plot_of_all(options)
     size, timed = arguments.parse_size(options.size), arguments.parse_size(options.timed_size, "--timed-size")
 
     from ...kernels.parallel import thread_count
@@ -202,9 +247,21 @@ def srdh(run: BenchRun, options: SrdhBenchOptions) -> BenchResult:
     from .srdh.srdh_workloads import SCENES, workloads
 
     effort = srdh_measurements.SrdhEffort(options.spp, timed, options.rounds, thread_count(options.threads))
+    clock = checked_clock(options.clock, effort.threads)
+    timing = {"rounds": effort.rounds, "threads": effort.threads, "clock": clock}
+    counting = {"size": size, "spp": effort.spp}
+    settings: dict[str, dict[str, Any]] = {
+        SrdhTable.boxes: counting,
+        SrdhTable.builds: {**counting, **timing},
+        SrdhTable.rtsah: counting,
+        SrdhTable.renders: {"timed_size": timed, **timing},
+    }
+    parts = run.parts(settings, srdh_measurements.ROWS, options.table)
     views = workloads(SCENES.open(options.scene, size, run.say), options.lighting)
-    rows = srdh_measurements.measure(views, effort, run.say, run.pictures())
-    answer: dict[str, Any] = {"size": size, **effort._asdict()}
+    with clocked(clock):
+        srdh_measurements.add_views(parts, views, effort, run.say, run.pictures())
+    rows = srdh_measurements.rows_of(parts)
+    answer: dict[str, Any] = {"size": size, **effort._asdict(), "clock": clock}
     relative = ({"relative": srdh_measurements.relative(rows.counts, row)} for row in rows.counts)
     answer |= {"counts": [record | more for record, more in zip(records(rows.counts), relative)]}
     answer |= {"saved": srdh_measurements.savings(rows.counts), "trees": records(rows.trees)}
@@ -212,10 +269,11 @@ def srdh(run: BenchRun, options: SrdhBenchOptions) -> BenchResult:
     answer |= {"memory": records(rows.memory, "growth", "growth_shared"), "rtsah": records(rows.rtsah)}
     answer |= {"builds": records(rows.builds, "both", "instead"), "renders": records(rows.renders)}
     answer |= {"gains": records(srdh_measurements.gains(rows.renders))}
-    same = agree((row.scene, row.bits) for row in rows.renders)
-    plot, compared = partial(srdh_tables.write_plot, rows.counts), srdh_tables.comparison(rows)
+    same = agree((row.scene, row.bits) for row in rows.renders) if rows.renders else None
     tables = partial(srdh_tables.print_tables, rows)
-    return BenchResult(answer, tables, plot, same, comparison_writer(compared))
+    plot = partial(srdh_tables.write_plot, rows.counts) if rows.counts else None
+    compared = comparison_writer(srdh_tables.comparison(rows)) if rows.counts and rows.builds else None
+    return BenchResult(answer, tables, plot, same, compared)
 
 
 # --- antumbra bench pre-bvh-culling -----------------------------------------------------------------------------------
@@ -232,6 +290,7 @@ class CullingOptions(NamedTuple):
             show_default=False,
         ),
     ] = None
+    table: Annotated[list[CullingTable] | None, table_option()] = None
     plot: Annotated[Path | None, plot_option("the paper's results beside ours, and break-even")] = None
     tracer: Annotated[
         list[str] | None,
@@ -241,9 +300,9 @@ class CullingOptions(NamedTuple):
             show_default=False,
         ),
     ] = None
-    size: ImageSize = "512x288"
+    size: ImageSize = "1366x768"
     cellar: Annotated[str, typer.Option(help="Triangles in the cellar.", metavar="N")] = "1M"
-    video: Annotated[str, typer.Option(help="Triangles in the animated city (Table 4).", metavar="N")] = "1M"
+    video: Annotated[str, typer.Option(help="Triangles in the animated city (Table 4).", metavar="N")] = "3.5M"
     frames: Annotated[
         int, typer.Option(help="Evenly spaced frames of the animation to measure, each once.", min=1, max=1000)
     ] = 24
@@ -257,8 +316,9 @@ class CullingOptions(NamedTuple):
     limit: Annotated[
         float,
         typer.Option(help="Skip sample counts predicted to take longer per picture.", metavar="SECONDS", min=0.0),
-    ] = 5.0
+    ] = 20.0
     rounds: Rounds = 3
+    clock: ClockOption = Clock.wall
     threads: Threads = None
 
 
@@ -266,9 +326,10 @@ class CullingOptions(NamedTuple):
 def pre_bvh_culling(run: BenchRun, options: CullingOptions) -> BenchResult:
     """Time to image with and without pre-BVH culling [Selgrad et al. 2015, Tables 1 to 4, Figures 2 to 7].
 
-    Tables 1 to 3 cover the paper's four views, with cells marked as published (grid32:paper) and by hulls (grid32).
-    Table 4 covers an animated city. Figure 2 compares both with a convex region around receivers and lights, which
-    antumbra culling --culler grid32:convex draws, also for random cameras in Sponza.
+    Tables 1 to 3 cover the paper's four views, with cells marked as published (grid32:paper) and by hulls (grid32):
+    the steps of culling (steps), and times to image (times), also with 15 samples (figures). Table 4 covers an animated
+    city (video). Figure 2 compares both with a convex region around receivers and lights, which antumbra culling
+    --culler grid32:convex draws, also for random cameras in Sponza (random).
 
     With --output, the views with 15 samples (Figures 3 to 6) and their marked cells (Figure 2d) are drawn.
 
@@ -276,9 +337,10 @@ def pre_bvh_culling(run: BenchRun, options: CullingOptions) -> BenchResult:
     Examples
       antumbra bench pre-bvh-culling
       antumbra bench pre-bvh-culling --sponza sponza.glb --rounds 5 --plot results.png
-      antumbra bench pre-bvh-culling --size 1366x768 --limit 60 --tracer multifrusta
+      antumbra bench pre-bvh-culling --table times --tracer multifrusta --output results
       antumbra bench pre-bvh-culling --tracer single --size 683x384 --cellar 250k --video 250k
     """
+    check_plot_of_all(options)
     size = arguments.parse_size(options.size)
     cellar = arguments.parse_count(options.cellar, "--cellar")
     video = arguments.parse_count(options.video, "--video")
@@ -290,40 +352,47 @@ def pre_bvh_culling(run: BenchRun, options: CullingOptions) -> BenchResult:
         _check_tracer(name)
 
     from .benchmark_views import agree
-    from .pre_bvh_culling import culling_measurements, culling_views
-    from .pre_bvh_culling.culling_charts import write_charts, write_pictures
-    from .pre_bvh_culling.culling_tables import CullingRows, print_tables
+    from .pre_bvh_culling import culling_charts, culling_measurements, culling_views
+    from .pre_bvh_culling.culling_tables import print_tables
 
     effort = culling_measurements.CullingEffort(thread_count(options.threads), options.rounds, options.limit, run.say)
+    clock = checked_clock(options.clock, effort.threads)
+    seen = {"size": size, "sponza": str(options.sponza or ""), "threads": effort.threads}
+    timed = {**seen, "cellar": cellar, "rounds": effort.rounds, "clock": clock}
+    film = {"size": size, "video": video, "frames": options.frames, "finest": options.finest, "tracers": tracers}
+    settings: dict[str, dict[str, Any]] = {
+        CullingTable.steps: timed,
+        CullingTable.times: {**timed, "limit": effort.limit},
+        CullingTable.figures: {**timed, "tracer": tracers[-1]},
+        CullingTable.random: {**seen, "cameras": options.cameras},
+        CullingTable.video: {**film, "threads": effort.threads, "clock": clock},
+    }
+    parts, folder = run.parts(settings, culling_measurements.ROWS, options.table), run.pictures()
     run.say("making the scenes")
     sponza = culling_views.sponza_scene(options.sponza)
-    views = culling_views.culling_views(sponza, size, cellar)
-    cameras = culling_views.random_views(sponza, options.cameras, size) if sponza else []
-    frames = culling_views.video_views(video, options.frames, size)
-    figures = [culling_measurements.figure_times(view, tracers[-1], effort) for view in views]
-    rows = CullingRows(
-        times=[
-            t for view in views for name in tracers for t in culling_measurements.times_to_image(view, name, effort)
-        ],
-        figures=[t for times, _ in figures for t in times],
-        grids=[
-            row
-            for view in views
-            for row in culling_measurements.grid_rows(view, culling_measurements.USUAL, (), effort)
-        ],
-        shares=culling_measurements.random_shares(cameras, effort),
-        video=culling_measurements.video_rows(frames, tracers, options.finest, effort),
-    )
-    folder = run.pictures()
-    if folder is not None:
-        run.say("drawing the figures")
-        write_pictures(views, [frame for _, frame in figures], folder, effort.threads)
+    with clocked(clock):
+        if parts.wants(CullingTable.steps, CullingTable.times, CullingTable.figures):
+            views = culling_views.culling_views(sponza, size, cellar)
+            culling_measurements.add_views(parts, views, tracers, effort, culling_charts.picture_writer(folder))
+            cells = folder and culling_charts.cells_file(folder)
+            if cells and parts.wants(CullingTable.figures) and not cells.exists():
+                run.say("drawing the marked cells")
+                culling_charts.write_cells(cells, views, effort.threads)
+        if sponza is not None:
+            cameras = culling_views.random_views(sponza, options.cameras, size)
+            culling_measurements.add_random(parts, cameras, effort)
+        if parts.wants(CullingTable.video):
+            frames = culling_views.video_views(video, options.frames, size)
+            culling_measurements.add_video(parts, frames, tracers, options.finest, effort)
+    rows = culling_measurements.rows_of(parts)
     answer = {"tracers": tracers, "size": size, "rounds": effort.rounds, "frames": options.frames}
-    answer |= {"threads": effort.threads, "limit": effort.limit, "time_to_image": records(rows.times)}
+    answer |= {"cellar": cellar, "video_triangles": video, "threads": effort.threads, "clock": clock}
+    answer |= {"limit": effort.limit, "time_to_image": records(rows.times)}
     answer |= {"figures": records(rows.figures, "total"), "grids": records(rows.grids)}
     answer |= {"random": records(rows.shares, "quartiles"), "video": records(rows.video)}
-    same = agree((f"{t.figure}, {list(t.trace)}", t.bits) for t in rows.times)
-    return BenchResult(answer, partial(print_tables, rows, tracers), partial(write_charts, rows), same)
+    same = agree((f"{t.figure}, {list(t.trace)}", t.bits) for t in rows.times) if rows.times else None
+    plot = partial(culling_charts.write_charts, rows) if rows.times and rows.grids else None
+    return BenchResult(answer, partial(print_tables, rows, tracers), plot, same)
 
 
 def _check_tracer(name: str) -> None:
@@ -359,16 +428,13 @@ class ChcrtOptions(NamedTuple):
         str | None,
         typer.Option(
             help="Also trace a city of N triangles from a store, built in a temporary folder; 0: none.  [default: "
-            "2.5M; with --scene or --store: 0]",
+            "40M; with --scene or --store: 0]",
             metavar="N",
             show_default=False,
         ),
     ] = None
     max_memory: MaxMemoryOption = None
-    table: Annotated[
-        list[ChcrtTable] | None,
-        typer.Option(help="Measure only this table; may be repeated.  [default: all]", show_default=False),
-    ] = None
+    table: Annotated[list[ChcrtTable] | None, table_option()] = None
     plot: Annotated[Path | None, plot_option("the paper's results and ours, bars and curves")] = None
     pictures: Annotated[
         Path | None,
@@ -379,18 +445,19 @@ class ChcrtOptions(NamedTuple):
             callback=writes_folder(),
         ),
     ] = None
-    triangles: Annotated[str, typer.Option(help="Triangles in the city.", metavar="N")] = "5M"
-    size: ImageSize = "640x360"
+    triangles: Annotated[str, typer.Option(help="Triangles in the city.", metavar="N")] = "12M"
+    size: ImageSize = "1920x1080"
     frames: Annotated[int, typer.Option(help="Frames per walkthrough.", min=1, max=10_000)] = 60
     compared: Annotated[int, typer.Option(help="Frames to time the other plans on.", min=1, max=10_000)] = 3
     limit: Annotated[
         float,
         typer.Option(
-            help="Time limit per walkthrough of Table 2; others get a third. At least two frames run.",
+            help="Time limit per walkthrough of Table 2; others get a third. At least four frames run.",
             metavar="SECONDS",
             min=0.0,
         ),
-    ] = 10.0
+    ] = 120.0
+    clock: ClockOption = Clock.wall
     threads: Threads = None
 
 
@@ -427,15 +494,14 @@ def chc_rt(run: BenchRun, options: ChcrtOptions) -> BenchResult:
 
     from ...generate.palette import check_request
     from ...kernels.parallel import thread_count
-    from ...store.system_resources import peak_resident_memory
+    from ...store.chunk_residency import POLICIES
     from .chc_rt import chcrt_measurements, chcrt_tables, walkthroughs
     from .chc_rt.store_walkthroughs import StoreCase
     from .chc_rt.walkthrough_timing import Pace
 
     for n in {triangles, stored} - {0}:
         check_request("city", n, 0)
-    walks = WALKED.intersection(names)
-    if options.plot is not None and not walks:
+    if options.plot is not None and not WALKED.intersection(names):
         raise InputError("--plot needs --table times, phases, queries or store")
     if pictures is not None:
         if store is not None:
@@ -443,22 +509,32 @@ def chc_rt(run: BenchRun, options: ChcrtOptions) -> BenchResult:
         arguments.check_plot(pictures / "figure-4.png", "--pictures")
     elif store is None:
         pictures = run.pictures()
-    pace = Pace(options.frames, options.compared, options.limit)
+    pace, threads = Pace(options.frames, options.compared, options.limit), thread_count(options.threads)
+    clock = checked_clock(options.clock, threads)
+    common = {"size": size, "frames": pace.frames, "compared": pace.compared, "limit": pace.limit}
+    common |= {"threads": threads, "clock": clock}
+    settings: dict[str, Any] = {table: common for table in chcrt_measurements.tables_of(ChcrtTable)}
+    parts = run.parts(settings, chcrt_measurements.ROWS, chcrt_measurements.tables_of(names))
     show = (lambda turns: None) if run.silent else chcrt_measurements.show_medians
-    plan = chcrt_measurements.ChcrtRun(names, thread_count(options.threads), pace, run.say, show, pictures)
-    views = walkthroughs.scenes(triangles).open([str(store)] if store else options.scene, size, run.say)
+    policies = POLICIES if ChcrtTable.store in names else POLICIES[:1]
+    plan = chcrt_measurements.ChcrtRun(parts, policies, threads, clock, pace, run.say, show, pictures)
+    scenes, in_memory = walkthroughs.scenes(triangles), {*IN_CORE}.intersection(names)
+    views = scenes.open([str(store)] if store else options.scene, size, run.say) if store or in_memory else []
     if store is not None:
-        case = StoreCase(walkthroughs.place_of(views[0]), plan.threads, memory)
-        rows, same = chcrt_measurements.measure_out_of_core(case, plan)
+        case = StoreCase(walkthroughs.place_of(views[0]), threads, memory)
+        chcrt_measurements.add_out_of_core(case.place.name, case.store.meta.n_triangles, memory, lambda: case, plan)
     else:
         for view in views:
             walkthroughs.check_in_memory(view)
-        rows, same = chcrt_measurements.measure_scenes(map(walkthroughs.place_of, views), stored, size, plan)
-    answer = {"size": size, "frames": pace.frames, "compared": pace.compared, "limit": pace.limit}
-    answer |= {"threads": plan.threads, "stored": stored}
+        if stored and {*PAGED}.intersection(names):  # first, while the process takes little memory
+            chcrt_measurements.add_temporary_store(stored, size, plan)
+        chcrt_measurements.add_in_memory(map(walkthroughs.place_of, views), plan)
+    rows, same = chcrt_measurements.rows_of(parts)
+    shown = names if run.pictures() is None else tuple(ChcrtTable)
+    answer = {**common, "stored": stored}
     answer |= {name.value: records(table) for name, table in rows.items()}
-    peak = peak_resident_memory()
-    answer |= {"differs": chcrt_measurements.differing(rows), "same_answers": same, "peak_resident": peak}
+    peak = max((part.peak_resident or 0 for part in parts.conditions()), default=0)
+    answer |= {"differs": chcrt_measurements.differing(rows), "same_answers": same, "peak_resident": peak or None}
     verdict = {
         True: "the same by all methods",
         False: f"DIFFER for {answer['differs']:,} rays: please report this",
@@ -466,8 +542,8 @@ def chc_rt(run: BenchRun, options: ChcrtOptions) -> BenchResult:
     }
 
     def print_tables() -> None:
-        chcrt_tables.print_tables(names, rows)
-        memory_text = console.size_in_memory(peak) if peak else "unknown"
+        chcrt_tables.print_tables(shown, rows)
+        memory_text = readable_size(peak) if peak else "unknown"
         console.print_fields([("answers", verdict[same]), ("peak memory", memory_text)])
 
     def write_plot(path: Path) -> None:
@@ -476,10 +552,11 @@ def chc_rt(run: BenchRun, options: ChcrtOptions) -> BenchResult:
         turns = [*rows.get(ChcrtTable.times, []), *rows.get(ChcrtTable.store, [])]
         write_plot(turns, {size.scene: size.total for size in rows.get(ChcrtTable.scenes, [])}, path)
 
-    return BenchResult(answer, print_tables, write_plot if walks else None)
+    walked = ChcrtTable.times in rows or ChcrtTable.store in rows
+    return BenchResult(answer, print_tables, write_plot if walked else None)
 
 
-_STORED = "2.5M"
+_STORED = "40M"
 
 
 def _stored(options: ChcrtOptions) -> int:

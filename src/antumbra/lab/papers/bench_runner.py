@@ -1,14 +1,18 @@
 """What the benchmarks of the papers share: options, alternating runs, tables beside published figures, and plots."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
+from enum import StrEnum
 from pathlib import Path
 from statistics import median
+from time import perf_counter, process_time
 from typing import Annotated, Any, NamedTuple, TypeVar
 
 import typer
 
+from ...base.errors import InputError
 from ...base.files import atomic_output
+from ...base.progress import clocked_by
 from ...cli import console
 from ...cli.options import writes
 from ..bench_conditions import record_laps
@@ -18,6 +22,38 @@ from ..bench_conditions import record_laps
 
 ImageSize = Annotated[str, typer.Option(help="Image size in pixels.", metavar="WxH")]
 Rounds = Annotated[int, typer.Option(help="Repeat each timing; the median counts.", min=1, max=1000)]
+
+
+class Clock(StrEnum):
+    """What times are measured in."""
+
+    wall = "wall"
+    cpu = "cpu"
+
+
+ClockOption = Annotated[
+    Clock,
+    typer.Option(
+        help="Measure elapsed time, or the CPU time of one thread, which other work on the machine affects less."
+    ),
+]
+
+
+def checked_clock(clock: Clock, threads: int) -> Clock:
+    """`clock`; InputError if it adds up the times of several threads."""
+    if clock == Clock.cpu and threads != 1:
+        raise InputError(f"--clock cpu adds up the times of {threads} threads; use --threads 1")
+    return clock
+
+
+def clocked(clock: Clock) -> AbstractContextManager[None]:
+    """A context in which times are measured by a clock."""
+    return clocked_by(process_time if clock == Clock.cpu else perf_counter)
+
+
+def table_option() -> Any:
+    """The repeatable option --table."""
+    return typer.Option(help="Measure only this table; may be repeated.  [default: all]", show_default=False)
 
 
 def scene_option(default: str, files: str = "a file") -> Any:
@@ -33,6 +69,12 @@ def plot_option(contents: str) -> Any:
     )
 
 
+def check_plot_of_all(options: Any) -> None:
+    """Raise an InputError if a plot of all tables is requested, but only some are measured."""
+    if options.plot is not None and options.table:
+        raise InputError("--plot draws all tables; omit --table, or use --output, which joins tables measured alone")
+
+
 # --- Runs -------------------------------------------------------------------------------------------------------------
 
 
@@ -46,7 +88,8 @@ def interleave(
 ) -> dict[Case, list[Lap]]:
     """Measure all cases in each round, so that they take turns; return the results of each case.
 
-    The results of the benchmark record the spread of its timings (`bench_conditions.record_laps`).
+    The results of the benchmark record rounds and the spread of timings (`bench_conditions.record_laps`) if there are
+    several rounds.
 
     measure : called with a case and a round
     warm_up : number of rounds before round 0, with negative numbers, whose results are dropped, as None always is
@@ -57,7 +100,7 @@ def interleave(
             lap = measure(case, turn)
             if turn >= 0 and lap is not None:
                 results.append(lap)
-    for results in laps.values():
+    for results in laps.values() if rounds > 1 else ():
         record_laps(results)
     return laps
 
@@ -139,6 +182,15 @@ def beside(ours: str, theirs: float | None, digits: int = 1) -> str:
 def ms(seconds: float | None) -> str:
     """Seconds in milliseconds; None: empty."""
     return "" if seconds is None else f"{1e3 * seconds:,.1f}"
+
+
+ROUNDS = 3
+"""Rounds below which a table shows how often a time was measured."""
+
+
+def few_rounds(text: str, rounds: int | None) -> str:
+    """A time as text, with the number of its rounds if these are few; None: it was not measured."""
+    return text if rounds is None or rounds >= ROUNDS else f"{text} ({rounds} round{'s' * (rounds > 1)})"
 
 
 def percent(share: float) -> str:

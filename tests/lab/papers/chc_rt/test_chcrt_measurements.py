@@ -1,12 +1,15 @@
 """The tables of sizes, of stores and of the ablation: their figures, and the command that prints them."""
 
+import numpy as np
 import pytest
 
 from antumbra.base.errors import InputError
 from antumbra.engine.scene import procedural
 from antumbra.engine.scene_loading import load
 from antumbra.engine.store_building import build_store
-from antumbra.lab.papers.benchmark_views import scene_view
+from antumbra.lab.bench_parts import BenchParts
+from antumbra.lab.papers.bench_runner import ROUNDS, Clock
+from antumbra.lab.papers.benchmark_views import agree, scene_view
 from antumbra.lab.papers.chc_rt import (
     chcrt_measurements,
     chcrt_published,
@@ -18,7 +21,8 @@ from antumbra.lab.papers.chc_rt.chcrt_plots import moved_points, shares, speedup
 from antumbra.lab.papers.chc_rt.chcrt_published import ChcrtTable
 from antumbra.lab.papers.chc_rt.store_walkthroughs import StoreCase
 from antumbra.lab.papers.chc_rt.walkthrough_timing import InCore, Pace
-from antumbra.lab.papers.chc_rt.walkthroughs import AO, DIFFUSE, KINDS, PRIMARY, SOFT, place_of
+from antumbra.lab.papers.chc_rt.walkthroughs import AO, DIFFUSE, KINDS, PRIMARY, SOFT, TRACERS, place_of
+from antumbra.query.ray_passes import RayPass
 from antumbra.techniques.tracer_options import WHOLE_SCREEN, ChcRtOptions
 
 SIZE = 24
@@ -47,10 +51,18 @@ def place(core, tmp_path_factory):
     return core.place._replace(scene=load(path))
 
 
-def one_walk(walks):
-    """The turns of the only walkthrough."""
-    (turns,) = walks
-    return turns
+def walked(walks):
+    """What each of several walkthroughs measures."""
+    return [measure() for _, measure in walks]
+
+
+def parts_of(*tables):
+    """Empty parts, of which these tables are measured."""
+    return BenchParts({table: {} for table in ChcrtTable}, tables=chcrt_measurements.tables_of(tables))
+
+
+def run_of(*tables, policies=("lru",), pace=PACE, show=quiet):
+    return chcrt_measurements.ChcrtRun(parts_of(*tables), policies, 2, Clock.wall, pace, quiet, show)
 
 
 def test_sizes_in_memory_are_of_what_is_traced(core):
@@ -108,7 +120,7 @@ def test_without_pull_up_pairs_are_never_forgotten(core):
 
 
 def test_ablation_in_memory(core):
-    turns = one_walk(chcrt_measurements.ablate_in_memory(core, PACE, quiet))
+    ((turns, *_),) = walked(chcrt_measurements.ablate_in_memory(core.place, lambda: core, PACE, quiet))
     assert {(t.kind, t.method, t.frame) for t in turns} == {
         (kind, name, frame)
         for kind in (AO, DIFFUSE, SOFT)
@@ -129,23 +141,28 @@ def test_ablation_in_memory(core):
 
 
 def test_ablation_of_a_store(place):
-    walks = list(chcrt_measurements.ablate_out_of_core(StoreCase(place, 2), PACE._replace(frames=2), quiet))
-    assert [turns[0].method for turns, _ in walks] == WITHOUT_PARTS
-    assert all({t.kind for t in turns} == {*KINDS} and {t.frame for t in turns} == {0, 1} for turns, _ in walks)
-    assert len({tuple(digests) for _, digests in walks}) == 1
-    assert all(sum(t.statistics["bytes"] for t in turns) > 0 for turns, _ in walks)
+    case, pace = StoreCase(place, 2), PACE._replace(frames=2)
+    ((turns, digests, _),) = walked(chcrt_measurements.ablate_out_of_core(lambda: case, pace, quiet))
+    assert list(dict.fromkeys(t.method for t in turns)) == WITHOUT_PARTS
+    assert {(t.method, t.kind, t.frame) for t in turns} == {
+        (name, kind, frame) for name in WITHOUT_PARTS for kind in KINDS for frame in (0, 1)
+    }
+    assert agree(digests) and len(digests) == len(WITHOUT_PARTS) * len(dict(digests))
+    assert all(sum(t.statistics["bytes"] for t in turns if t.method == name) > 0 for name in WITHOUT_PARTS)
 
 
 def test_variants_of_a_store_have_as_many_frames_as_the_first(place, monkeypatch):
     some = {name: chcrt_measurements.VARIANTS[name] for name in WITHOUT_PARTS[:2]}
     monkeypatch.setattr(chcrt_measurements, "VARIANTS", some)
-    walks = list(chcrt_measurements.ablate_out_of_core(StoreCase(place, 2), PACE._replace(limit=0.0), quiet))
-    assert all({t.frame for t in turns} == {0, 1} for turns, _ in walks)
+    case, pace = StoreCase(place, 2), PACE._replace(frames=9, limit=0.0)
+    ((turns, *_),) = walked(chcrt_measurements.ablate_out_of_core(lambda: case, pace, quiet))
+    assert {(t.method, t.frame) for t in turns} == {(name, frame) for name in some for frame in range(1 + ROUNDS)}
 
 
 def test_bytes_read_are_of_nodes_and_of_geometry(place):
-    run = chcrt_measurements.ChcrtRun([ChcrtTable.times, ChcrtTable.queries], 2, PACE, quiet, quiet)
-    found, same = chcrt_measurements.measure_out_of_core(StoreCase(place, 2), run)
+    run = run_of(ChcrtTable.times, ChcrtTable.queries)
+    chcrt_measurements.add_out_of_core("city", 120_000, None, lambda: StoreCase(place, 2), run)
+    found, same = chcrt_measurements.rows_of(run.parts)
     turns = found[ChcrtTable.store]
     assert {t.method for t in turns} == {"lru"} and same is None
     begun = walkthrough_timing.of(turns, kind="primary", frame=0)
@@ -161,37 +178,53 @@ def test_the_mapped_tree_is_the_stores_tree(place, tmp_path):
     """The rival gives the answers of CHC+RT, and in later frames, it reads nothing that it has read before."""
     case, pace = StoreCase(place, 2), PACE._replace(frames=2)
     mapped_tree.write_tree(mapped_tree.whole_tree(case.store), tmp_path, 2)
-    ours = list(store_walkthroughs.out_of_core(case, pace, ["lru"], quiet))
-    theirs = list(store_walkthroughs.map_through(case, tmp_path, pace, quiet))
-    for (turns, digests), (others, hits) in zip(ours, theirs, strict=True):
+    ours = walked(store_walkthroughs.out_of_core(lambda: case, pace, ["lru"], quiet))
+    theirs = walked(store_walkthroughs.map_through(lambda: case, lambda: tmp_path, lambda: pace, quiet))
+    for (turns, digests, _), (others, hits, _) in zip(ours, theirs, strict=True):
         assert [(t.view, t.kind, t.frame, t.rays) for t in turns] == [(t.view, t.kind, t.frame, t.rays) for t in others]
         assert {t.method for t in others} == {mapped_tree.NAME} and len(hits) == 2 * len(KINDS)
         assert set(hits) <= set(digests) and len(set(dict(hits).values())) > 2
     size = sum(path.stat().st_size for path in mapped_tree.files_of(tmp_path))
     assert size > 100 * place.scene.n_triangles
-    assert all(0 <= t.statistics.get("bytes", 0) <= 2 * size for others, _ in theirs for t in others)
+    assert all(0 <= t.statistics.get("bytes", 0) <= 2 * size for others, *_ in theirs for t in others)
+
+
+def test_a_rival_that_pages_on_demand_has_the_same_hits_and_reads_more(place, monkeypatch):
+    monkeypatch.setattr(store_walkthroughs, "_ROWS", 4)
+    case, pace = StoreCase(place, 2, share=0.1), PACE._replace(frames=2)
+    for turns, digests, _ in walked(store_walkthroughs.rival_through(lambda: case, pace, quiet)):
+        ours, theirs = (walkthrough_timing.of(turns, method=name) for name in ("chcrt", store_walkthroughs.RIVAL))
+        assert [(t.frame, t.kind, t.rays) for t in ours] == [(t.frame, t.kind, t.rays) for t in theirs]
+        assert [t.frame for t in ours] == [0, 1] and {t.kind for t in ours} == {DIFFUSE}
+        assert agree(digests) and len(digests) == 2 * len(dict(digests)) == 4
+        assert sum(t.statistics["bytes"] for t in theirs) > sum(t.statistics["bytes"] for t in ours) > 0
 
 
 def test_paths_of_several_bounces_have_the_hits_of_the_tree_in_memory(place):
     case = StoreCase(place, 2, share=0.1)
     bvh = mapped_tree.whole_tree(case.store)
-    for turns in store_walkthroughs.bounce_through(case, bvh, PACE._replace(most=2), quiet):
+    pace = PACE._replace(most=2)
+    for turns, _, compared in walked(store_walkthroughs.bounce_through(lambda: case, lambda: bvh, pace, quiet)):
         kinds = [store_walkthroughs.bounce_kind(bounce) for bounce in range(store_walkthroughs.BOUNCES + 1)]
         assert [(t.frame, t.kind) for t in turns] == [(frame, kind) for frame in range(2) for kind in kinds]
-        assert all(t.differs == 0 and t.rays > 0 for t in turns)
+        assert compared and all(t.differs == 0 and t.rays > 0 for t in turns)
         assert all(t.statistics["bytes"] > 0 for t in turns[: len(kinds)])
         rays = [t.rays for t in turns[1 : len(kinds)]]
         assert rays == sorted(rays, reverse=True) and rays[0] > rays[-1]
     other = bvh._replace(corners=bvh.corners + 0.5)
-    (turns, *_) = store_walkthroughs.bounce_through(case, other, PACE._replace(most=1), quiet)
-    assert sum(t.differs for t in turns) > 0
+    ((_, near), *_) = store_walkthroughs.bounce_through(lambda: case, lambda: other, pace._replace(most=1), quiet)
+    assert sum(t.differs for t in near().turns) > 0
 
 
 def test_a_share_limits_the_chunks_in_memory(place):
     few, whole = (
         [
             t
-            for turns, _ in store_walkthroughs.out_of_core(StoreCase(place, 2, share=share), PACE, ["lru"], quiet)
+            for turns, *_ in walked(
+                store_walkthroughs.out_of_core(
+                    lambda share=share: StoreCase(place, 2, share=share), PACE, ["lru"], quiet
+                )
+            )
             for t in turns
         ]
         for share in (0.1, 1.0)
@@ -204,13 +237,17 @@ def test_a_temporary_store_is_measured_and_removed(tmp_path, monkeypatch):
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setattr("tempfile.tempdir", None)
     tables = [ChcrtTable.scenes, ChcrtTable.queries, ChcrtTable.bounces]
-    run = chcrt_measurements.ChcrtRun(tables, 2, PACE._replace(frames=2), quiet, quiet)
-    rows, same = chcrt_measurements.measure_scenes([], 20_000, (SIZE, SIZE), run)
+    run = run_of(*tables, pace=PACE._replace(frames=2))
+    chcrt_measurements.add_temporary_store(20_000, (SIZE, SIZE), run)
+    rows, same = chcrt_measurements.rows_of(run.parts)
     assert same and {*rows} == {ChcrtTable.scenes, ChcrtTable.store, ChcrtTable.bounces}
     (size,) = rows[ChcrtTable.scenes]
     assert size.share == chcrt_published.MODELS["City-200"][-1] / 100 and 15_000 < size.triangles < 25_000
     assert sum(t.statistics["bytes"] for t in rows[ChcrtTable.store]) > size.total / 4
     assert not list(tmp_path.iterdir())
+    monkeypatch.setattr(chcrt_measurements, "build_store", None)  # nothing is built for parts that are there
+    chcrt_measurements.add_temporary_store(20_000, (SIZE, SIZE), run)
+    assert run.parts.resumed == run.parts.measured == 1 + 2 + 4  # paths of bounces are traced sorted, too
 
 
 def test_the_overview_has_our_points_and_the_papers(core, place):
@@ -221,10 +258,12 @@ def test_the_overview_has_our_points_and_the_papers(core, place):
             core, walk, methods, KINDS, "halton:36", PACE._replace(frames=2), quiet
         )
     stored = [
-        t for turns, _ in store_walkthroughs.out_of_core(StoreCase(place, 2), PACE, ["lru"], quiet) for t in turns
+        t
+        for turns, *_ in walked(store_walkthroughs.out_of_core(lambda: StoreCase(place, 2), PACE, ["lru"], quiet))
+        for t in turns
     ]
     points = speedup_points([*turns, *stored])
-    assert [(len(ours), len(theirs)) for ours, theirs in points.values()] == [(2, 6)] * 3 + [(2, 0)]
+    assert [tuple(map(len, each)) for each in points.values()] == [(2, 2, 6), (2, 2, 6), (2, 0, 6), (2, 2, 0)]
     moved = moved_points([*turns, *stored], {place.name: 10_000_000})
     assert [(len(ours), len(theirs)) for ours, theirs in moved.values()] == [(2, 6)] * 3
     assert moved_points(turns, {})[PRIMARY][0] == [] and max(moved[DIFFUSE][1]) == 2310 / 11400
@@ -233,16 +272,23 @@ def test_the_overview_has_our_points_and_the_papers(core, place):
 def test_walkthroughs_are_shown_when_they_have_ended(core, capsys):
     shown = []
     tables = [ChcrtTable.scenes, ChcrtTable.phases, ChcrtTable.randomisation]
-    run = chcrt_measurements.ChcrtRun(tables, 2, PACE._replace(frames=2), quiet, shown.append)
-    found, same = chcrt_measurements.measure_in_memory([core.place], run)
+    run = run_of(*tables, pace=PACE._replace(frames=2), show=shown.append)
+    chcrt_measurements.add_in_memory([core.place], run)
+    found, same = chcrt_measurements.rows_of(run.parts)
     assert same and [t for turns in shown for t in turns] == found[ChcrtTable.times] + found[ChcrtTable.randomisation]
     assert len(shown) == 2 + len(walkthrough_timing.SAMPLERS) and found[ChcrtTable.scenes][0].triangles > 0
     chcrt_measurements.show_medians(shown[0])
     told = capsys.readouterr()
-    assert told.out == "" and [line.split(":")[0] for line in told.err.splitlines()] == [
-        f"city, near, {kind}, chcrt" for kind in KINDS
-    ]
-    assert chcrt_measurements.measure_in_memory([core.place], run._replace(tables=[ChcrtTable.scenes]))[1] is None
+    lines = [line.split(":")[0] for line in told.err.splitlines()]
+    assert told.out == "" and sorted(lines) == sorted(
+        f"city, near, {kind}, {method}"
+        for kind in KINDS
+        for method in ("chcrt", *TRACERS)
+        if method == "chcrt" or kind in TRACERS[method]
+    )
+    sizes = run_of(ChcrtTable.scenes)
+    chcrt_measurements.add_in_memory([core.place], sizes)
+    assert chcrt_measurements.rows_of(sizes.parts)[1] is None
 
 
 def test_published_bytes_add_up_or_are_noted():
@@ -285,3 +331,32 @@ def test_the_plot_of_a_store(cli, tmp_path):
     cli("build", "procedural:cellar?triangles=2k", "-o", "small.antumbra", "--quiet")
     done = cli("bench", "chc-rt", "--store", "small.antumbra", *WALK, "--table", "phases", "--plot", "store.png")
     assert done.code == 0 and (tmp_path / "store.png").stat().st_size > 10_000
+
+
+# --- The order of rays ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("shape", [(30, 41), (16, 16), (3, 50), (1, 1), (4, 4)])
+def test_rays_change_places_within_their_sample_set(shape):
+    rng, n = np.random.default_rng(3), shape[0] * shape[1]
+    directions = rng.normal(size=(n, 3)).astype(np.float32)
+    directions[rng.random(n) < 0.2] = 0.0
+    rays = RayPass(rng.random((n, 3)).astype(np.float32), directions, np.full(n, -1, np.int32))
+    order = store_walkthroughs.coherent_order(rays, shape)
+    np.testing.assert_array_equal(np.sort(order), np.arange(n))
+    (y, x), (old_y, old_x) = np.divmod(np.arange(n), shape[1]), np.divmod(order, shape[1])
+    assert (y % 4 == old_y % 4).all() and (x % 4 == old_x % 4).all()
+
+
+def test_sorted_rays_are_similar_to_their_neighbours():
+    rng, shape = np.random.default_rng(4), (160, 160)
+    n = shape[0] * shape[1]
+    rays = RayPass(*rng.normal(size=(2, n, 3)).astype(np.float32), np.full(n, -1, np.int32))
+    order = store_walkthroughs.coherent_order(rays, shape)
+
+    def apart(vectors):
+        picture = vectors.reshape(*shape, 3)
+        return np.linalg.norm(picture[:, :-4] - picture[:, 4:], axis=2).mean()
+
+    for vectors in rays.origins, rays.directions:
+        assert apart(vectors[order]) < 0.8 * apart(vectors)

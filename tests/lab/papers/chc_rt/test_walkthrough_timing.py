@@ -51,10 +51,11 @@ def test_methods_have_their_turns_and_agree(core):
     near = core.place.walks[0]
     methods = [core.culling(), *core.plain()]
     turns = walkthrough_timing.walk_through(
-        core, near, methods, (PRIMARY, SOFT), "halton:36", Pace(4, 1, 60.0), lambda text: None
+        core, near, methods, (PRIMARY, DIFFUSE, SOFT), "halton:36", Pace(4, 1, 60.0), lambda text: None
     )
     assert [t.frame for t in walkthrough_timing.of(turns, method=CHCRT, kind=SOFT)] == [0, 1, 2, 3]
-    for kind, plans in ((PRIMARY, ["single", "multifrusta"]), (SOFT, [m.name for m in methods[1:]])):
+    hits = ["single", "multifrusta"]
+    for kind, plans in ((PRIMARY, hits), (DIFFUSE, hits), (SOFT, [m.name for m in methods[1:]])):
         others = [t for t in walkthrough_timing.of(turns, kind=kind) if t.method != CHCRT]
         assert [(t.method, t.frame) for t in others] == [(plan, 1) for plan in plans]
     assert all(t.differs == 0 and t.rays > 0 for t in turns)
@@ -73,7 +74,7 @@ def test_a_walk_ends_at_its_limit(core):
     turns = walkthrough_timing.walk_through(
         core, near, [core.culling()], (PRIMARY,), "halton:36", Pace(50, 1, 0.0), lambda text: None
     )
-    assert [t.frame for t in turns] == [0, 1]
+    assert [t.frame for t in turns] == [0, 1, 2, 3]
 
 
 def test_pictures_of_neglected_rays_are_compared(core):
@@ -91,8 +92,8 @@ def test_pictures_of_neglected_rays_of_a_store_are_compared(core, tmp_path):
     path = tmp_path / "city.antumbra"
     build_store([core.place.scene], path, chunk=1 << 9)
     case, pace = StoreCase(core.place._replace(scene=load(path)), 2), Pace(2, 1, 60.0)
-    walks = store_walkthroughs.aggressive_out_of_core(case, pace, lambda text: None)
-    turns = [t for turns in walks for t in turns]
+    walks = store_walkthroughs.aggressive_out_of_core(lambda: case, pace, lambda text: None)
+    turns = [t for _, measure in walks for t in measure().turns]
     for walk in case.place.walks:
         exact, *others = ([t for t in turns if (t.view, t.method) == (walk.name, name)] for name in AGGRESSIVE)
         assert [t.frame for t in exact] == [0, 1] and all(t.error is None and t.statistics["wanted"] > 0 for t in exact)

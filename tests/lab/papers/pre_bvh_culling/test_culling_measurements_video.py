@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
+from antumbra.engine.accelerator import Accelerator
 from antumbra.lab.papers.pre_bvh_culling.culling_measurements import (
     OURS,
     PUBLISHED,
@@ -11,10 +12,11 @@ from antumbra.lab.papers.pre_bvh_culling.culling_measurements import (
     USUAL,
     CullingEffort,
     GridRow,
+    figure_times,
     grid_rows,
     mean_rows,
 )
-from antumbra.lab.papers.pre_bvh_culling.culling_views import video_views
+from antumbra.lab.papers.pre_bvh_culling.culling_views import CullingView, video_views
 from antumbra.picture.renderer import Renderer
 
 EFFORT = CullingEffort(threads=2, rounds=1, limit=1.0, say=lambda text: None)
@@ -44,6 +46,17 @@ def test_no_plan_changes_a_bit(views, plan):
         np.testing.assert_array_equal(a.bits[0], b.bits[0])
         blocked.append(a.bits[0].any())
     assert sum(blocked) >= 3
+
+
+def test_every_picture_builds_its_tree():
+    """A renderer keeps the tree of a still scene; the paper's scenes change."""
+    scene = at.procedural("blinds", triangles=2000)
+    view, built = CullingView("blinds", scene, scene.cameras[0].resized(24, 16), list(scene.lights)), []
+    execute = Accelerator.execute
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Accelerator, "execute", lambda self, *args: built.append(self) or execute(self, *args))
+        rows, _ = figure_times(view, "single", EFFORT._replace(rounds=3))
+    assert len(rows) == 3 and len(built) == 3 * 3
 
 
 def test_a_convex_region_leaves_the_most(views):

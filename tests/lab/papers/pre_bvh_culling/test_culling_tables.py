@@ -3,7 +3,13 @@
 import pytest
 
 from antumbra.lab.papers.pre_bvh_culling import culling_tables
-from antumbra.lab.papers.pre_bvh_culling.culling_measurements import MARKINGS, GridRow, RandomShares, TimeToImage
+from antumbra.lab.papers.pre_bvh_culling.culling_measurements import (
+    MARKINGS,
+    CullingRows,
+    GridRow,
+    RandomShares,
+    TimeToImage,
+)
 
 
 def time(method, build, trace):
@@ -24,7 +30,7 @@ def test_samples_beyond_the_timed_ones_are_marked_as_extrapolated(build, shown):
 def test_random_views_lead_and_chosen_views_are_called_chosen(capsys):
     grids = [GridRow("Figure 3", 32, marked, 0.45, {}, {}, {}) for marked in MARKINGS]
     shares = [RandomShares("court", marked, [0.3, 0.4, 0.5]) for marked in MARKINGS]
-    culling_tables._print_remaining(culling_tables.CullingRows([], [], grids, shares, []))
+    culling_tables._print_remaining(CullingRows([], [], grids, shares, []))
     lines = capsys.readouterr().out.splitlines()
     (random,) = (k for k, line in enumerate(lines) if "court, 3 random cameras" in line)
     (chosen,) = (k for k, line in enumerate(lines) if "Figure 3, chosen" in line)

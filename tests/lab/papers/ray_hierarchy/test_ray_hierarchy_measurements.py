@@ -10,10 +10,12 @@ import trimesh
 from antumbra.base.errors import InputError
 from antumbra.engine.plan import parse_plan
 from antumbra.engine.scene import procedural
+from antumbra.lab.bench_parts import BenchParts
 from antumbra.lab.papers.benchmark_views import agree, scene_view
 from antumbra.lab.papers.ray_hierarchy import ray_hierarchy_measurements, ray_hierarchy_published
 from antumbra.lab.papers.ray_hierarchy.ray_hierarchy_measurements import PLANS, Cost, Measured, PictureRays
 from antumbra.lab.papers.ray_hierarchy.ray_hierarchy_plot import write_plot
+from antumbra.lab.papers.ray_hierarchy.ray_hierarchy_published import RayHierarchyTable
 from antumbra.lab.papers.ray_hierarchy.ray_hierarchy_tables import print_tables
 from antumbra.lab.papers.ray_hierarchy.ray_hierarchy_views import (
     MUSEUM,
@@ -204,9 +206,28 @@ def test_what_would_take_too_long_is_not_run(picture, capsys):
         == ray_hierarchy_measurements.relative_costs(measured, ray_hierarchy_published.FIGURE7)
         == []
     )
-    print_tables(measured, Measured([], []), [], [], [])
+    print_tables(measured, Measured([], []), [], [], [], True)
     out = capsys.readouterr().out
     assert "not run: predicted" in out and "about" not in out and "fewest nodes of Table 1" in out
+
+
+def test_a_film_gets_further_frames(picture, tmp_path, monkeypatch):
+    measured, size = [], (SIZE, SIZE)
+
+    def measure(cases, effort, say):
+        measured.extend(case.frame for case in cases)
+        rays = [PictureRays(each.name, each.of, each.frame, 1, 1, 0, b"") for each in cases]
+        return Measured(rays, [Cost(each.name, "Precise") for each in cases])
+
+    monkeypatch.setattr(ray_hierarchy_measurements, "measure_all", measure)
+    film, effort = RayHierarchyTable.film, ray_hierarchy_measurements.Effort(1, 1, None)
+    for frames in ((0, 400), (0, 200, 400, 600), (0, 400)):
+        parts = BenchParts({film: {"size": size}}, ray_hierarchy_measurements.ROWS, folder=tmp_path)
+        cases = [picture._replace(name=f"frame {k}", frame=k, time=k / 10) for k in frames]
+        ray_hierarchy_measurements.add_pictures(parts, film, cases, effort, silent)
+    assert measured == [0, 400, 200, 600]
+    shown = ray_hierarchy_measurements.joined(parts.values(film))
+    assert [rays.frame for rays in shown.pictures] == [0, 200, 400, 600]
 
 
 def test_pictures_of_nothing_are_refused(picture):

@@ -5,9 +5,11 @@ import pytest
 
 import antumbra as at
 from antumbra.base.errors import InputError
+from antumbra.engine.accelerator import Accelerator
+from antumbra.lab.bench_parts import BenchParts
 from antumbra.lab.papers.benchmark_views import BenchmarkView, scene_view
 from antumbra.lab.papers.srdh import srdh_measurements
-from antumbra.lab.papers.srdh.srdh_published import Lighting
+from antumbra.lab.papers.srdh.srdh_published import Lighting, SrdhTable
 from antumbra.lab.papers.srdh.srdh_workloads import NAMES, RELIT, lit_view, workloads
 from antumbra.scene.lights import AmbientOcclusion
 from antumbra.scene.sky import Sky
@@ -68,7 +70,9 @@ def test_default_and_chosen_lightings(view):
 @pytest.fixture(scope="module")
 def rows(view):
     views = workloads([view], [Lighting.own, Lighting.opposed, Lighting.ambient])
-    return srdh_measurements.measure(views, srdh_measurements.SrdhEffort(1, (16, 16), 1, 2), lambda text: None, None)
+    parts, effort = BenchParts({table: {} for table in SrdhTable}), srdh_measurements.SrdhEffort(1, (16, 16), 1, 2)
+    srdh_measurements.add_views(parts, views, effort, lambda text: None, None)
+    return srdh_measurements.rows_of(parts)
 
 
 def test_further_lightings_have_fewer_pixels_and_pre_renders(rows):
@@ -101,3 +105,12 @@ def test_savings(rows):
     assert ours["rtsah"] == srdh_measurements.saved(
         rows.counts, srdh_measurements.of(rows.counts, "atrium", srdh_measurements.OURS), "rtsah"
     )
+
+
+def test_every_timed_picture_builds_its_tree(view, monkeypatch):
+    """A renderer keeps the tree of a still scene, so that its build would be timed once."""
+    built, execute = [], Accelerator.execute
+    monkeypatch.setattr(Accelerator, "execute", lambda self, *args: built.append(self) or execute(self, *args))
+    small = view._replace(camera=view.camera.resized(16, 16))
+    rows = srdh_measurements.render_times(small, 2, 2, lambda text: None)
+    assert len(built) == 3 * len(rows) == 24  # two rounds, and one before them

@@ -5,7 +5,9 @@ or other parameters (Sec. 4.4, 4.5, 5.1, 5.2, 6). The medians of each walkthroug
 """
 
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import ExitStack
+from functools import cache, partial
 from math import inf
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,20 +15,21 @@ from typing import Any, NamedTuple
 from ....base.files import temporary_folder
 from ....engine.scene import procedural
 from ....engine.scene_loading import load
-from ....engine.sources.paged_source import MAX_MEMORY
 from ....engine.store_building import build_store
-from ....store.chunk_residency import POLICIES
 from ....store.store_build import CHUNK
 from ....store.store_format import chunk_places
+from ....store.system_resources import MAX_MEMORY
 from ....techniques.tracer_options import WHOLE_SCREEN
-from ..bench_runner import Say
+from ...bench_parts import BenchParts
+from ..bench_runner import ROUNDS, Clock, Say, clocked
 from ..benchmark_views import agree, scene_view
 from . import store_walkthroughs, walkthrough_timing
-from .chcrt_published import IN_CORE, PAGED, WALKED, ChcrtTable
+from .chcrt_figures import FIGURES, name_of, write_pictures
+from .chcrt_published import WALKED, ChcrtTable
 from .mapped_tree import whole_tree, write_tree
-from .store_walkthroughs import Digests, StoreCase
-from .walkthrough_timing import InCore, Pace, Turn
-from .walkthroughs import AO, DIFFUSE, SAMPLER, SOFT, WalkPlace, place_of
+from .store_walkthroughs import MakeCase, StoreCase
+from .walkthrough_timing import Digests, InCore, Pace, Turn, Walked, Walks
+from .walkthroughs import AO, DIFFUSE, NEAR, SAMPLER, SOFT, WalkPlace, place_of
 
 # --- Scene sizes ------------------------------------------------------------------------------------------------------
 
@@ -82,29 +85,43 @@ VARIANTS: dict[str, dict[str, Any]] = {
 _MOST = 12  # first frames of a walkthrough that each variant traces, so camera steps are as small as in the others
 
 
-def ablate_in_memory(core: InCore, pace: Pace, say: Say) -> Iterator[list[Turn]]:
-    """Measure all variants in the near walkthrough, alternating within each frame."""
-    methods = [core.culling_by(name, changed) for name, changed in VARIANTS.items()]
-    pace = pace.shorter()._replace(most=_MOST)
-    yield walkthrough_timing.walk_through(core, core.place.walks[0], methods, (AO, DIFFUSE, SOFT), SAMPLER, pace, say)
+def ablate_in_memory(place: WalkPlace, core: Callable[[], InCore], pace: Pace, say: Say) -> Walks:
+    """The near walkthrough by all variants, alternating within each frame."""
+
+    def measure() -> Walked:
+        built = core()
+        methods = [built.culling_by(name, changed) for name, changed in VARIANTS.items()]
+        shorter = pace.shorter()._replace(most=_MOST)
+        walk, kinds = place.walk(NEAR), (AO, DIFFUSE, SOFT)
+        turns = walkthrough_timing.walk_through(built, walk, methods, kinds, SAMPLER, shorter, say)
+        return Walked(turns, [], compared=True)
+
+    yield NEAR, measure
 
 
-def ablate_out_of_core(case: StoreCase, pace: Pace, say: Say) -> Iterator[tuple[list[Turn], Digests]]:
-    """Measure each variant in the near walkthrough, starting with no chunk in memory.
+def ablate_out_of_core(case: MakeCase, pace: Pace, say: Say) -> Walks:
+    """The near walkthrough by each variant, starting with no chunk in memory.
 
     A store's parts are its chunks, so variants with other parts or trees are skipped. The rest trace as many frames as
     the first variant reaches within the time limit.
     """
-    pace = pace.shorter()._replace(most=_MOST)
-    for name, changed in VARIANTS.items():
-        if {"triangles", "build"} & changed.keys():
-            continue
-        with store_walkthroughs.opened(case) as paged:
-            scheduled = paged.accelerated.prepared
-            scheduled.options = scheduled.options._replace(**changed)
-            turns, digests = store_walkthroughs.walk_through_store(case, case.place.walks[0], paged, name, pace, say)
-        pace = pace._replace(most=1 + turns[-1].frame, limit=inf)
-        yield turns, digests
+
+    def measure() -> Walked:
+        made, turns, digests = case(), list[Turn](), Digests()
+        limited = pace.shorter()._replace(most=_MOST)
+        for name, changed in VARIANTS.items():
+            if {"triangles", "build"} & changed.keys():
+                continue
+            with store_walkthroughs.opened(made) as paged:
+                scheduled = paged.accelerated.prepared
+                scheduled.options = scheduled.options._replace(**changed)
+                near = made.place.walk(NEAR)
+                walked = store_walkthroughs.walk_through_store(made, near, paged, name, limited, say)
+            limited = limited._replace(most=1 + walked.turns[-1].frame, limit=inf)
+            turns, digests = turns + walked.turns, digests + walked.digests
+        return Walked(turns, digests)
+
+    yield NEAR, measure
 
 
 # --- Measures the requested tables ------------------------------------------------------------------------------------
@@ -113,6 +130,9 @@ def ablate_out_of_core(case: StoreCase, pace: Pace, say: Say) -> Iterator[tuple[
 TableRows = dict[ChcrtTable, list[Any]]
 """`Turn`s of each measured table; `SceneSize`s for `scenes`. `times` has the turns in memory of all WALKED tables, and
 `store` those out of core."""
+
+ROWS = Turn, Walked, SceneSize
+"""The rows in parts."""
 
 
 def show_medians(turns: list[Turn]) -> None:
@@ -127,77 +147,107 @@ def show_medians(turns: list[Turn]) -> None:
 class ChcrtRun(NamedTuple):
     """What to measure, and how to show it."""
 
-    tables: Sequence[ChcrtTable]
+    parts: BenchParts
+    policies: Sequence[str]  # of eviction, to measure out of core
     threads: int
+    clock: Clock  # in memory; out of core, waiting for the disk counts
     pace: Pace
     say: Say
     show: Callable[[list[Turn]], None]  # called with the turns of each walkthrough as soon as it ends
     pictures: Path | None = None  # folder for the figures of scenes in memory
 
+    def add(self, table: ChcrtTable, scene: str, walks: Walks, **settings: Any) -> None:
+        """Measure walkthroughs, each a part with further settings."""
+        for name, measure in walks:
+            self.parts.add(table, f"{scene}, {name}", partial(self._shown, measure), **settings)
 
-def measure_in_memory(places: Iterable[WalkPlace], run: ChcrtRun) -> tuple[TableRows, bool | None]:
-    """Measure scenes in memory: (rows, whether all answers agree, or None without answers)."""
-    tables, pace, say = run.tables, run.pace, run.say
-    rows: TableRows = {}
+    def _shown(self, measure: Callable[[], Walked]) -> Walked:
+        walked = measure()
+        self.show(walked.turns)
+        return walked
+
+
+def tables_of(wanted: Iterable[ChcrtTable]) -> list[ChcrtTable]:
+    """The tables with parts of their own from which the wanted tables are printed."""
+    needed = {*wanted}
+    needed |= {ChcrtTable.times, ChcrtTable.store} if WALKED & needed else set()
+    needed |= {ChcrtTable.store} if ChcrtTable.mapped in needed else set()
+    return [table for table in ChcrtTable if table in needed - {ChcrtTable.phases, ChcrtTable.queries}]
+
+
+def add_in_memory(places: Iterable[WalkPlace], run: ChcrtRun) -> None:
+    """Measure scenes in memory."""
+    pace, say = run.pace, run.say
     for place in places:
-        say(f"{place.name}, building")
-        core = InCore(place, run.threads)
-        if run.pictures is not None:
-            from .chcrt_figures import write_pictures
+        built = cache(partial(_built, place, run))
+        name = place.name
+        with clocked(run.clock):
+            triangles = place.scene.n_triangles
+            run.parts.add(ChcrtTable.scenes, name, partial(_measured_size, built), triangles=triangles)
+            for table, walks in {
+                ChcrtTable.times: walkthrough_timing.times,
+                ChcrtTable.randomisation: walkthrough_timing.randomisation,
+                ChcrtTable.aggressive: walkthrough_timing.aggressive,
+                ChcrtTable.ablation: ablate_in_memory,
+            }.items():
+                run.add(table, name, walks(place, built, pace, say), triangles=triangles)
+        if run.pictures is not None and not (run.pictures / name_of(name, FIGURES[0])).exists():
+            built()
 
-            write_pictures(core, run.pictures, say)
-        if ChcrtTable.scenes in tables:
-            rows.setdefault(ChcrtTable.scenes, []).append(size_in_memory(core))
-        walks: dict[ChcrtTable, Iterable[list[Turn]]] = {
-            ChcrtTable.times: walkthrough_timing.times(core, pace, ChcrtTable.times in tables, say),
-            ChcrtTable.randomisation: walkthrough_timing.randomisation(core, pace, say),
-            ChcrtTable.aggressive: walkthrough_timing.aggressive(core, pace, say),
-            ChcrtTable.ablation: ablate_in_memory(core, pace, say),
-        }
-        for name, each in walks.items():
-            if name in tables or (name == ChcrtTable.times and WALKED.intersection(tables, IN_CORE)):
-                rows.setdefault(name, []).extend(_gathered(each, run))
-    return rows, differing(rows) == 0 if rows.keys() - {ChcrtTable.scenes} else None
+
+def _built(place: WalkPlace, run: ChcrtRun) -> InCore:
+    run.say(f"{place.name}, building")
+    core = InCore(place, run.threads)
+    if run.pictures is not None:
+        write_pictures(core, run.pictures, run.say)
+    return core
+
+
+def _measured_size(core: Callable[[], InCore]) -> list[SceneSize]:
+    return [size_in_memory(core())]
 
 
 _WHOLE_BYTES = 300  # memory per triangle for the whole tree of a store, in both forms of `mapped_tree.MappedTree`
 
 
-def measure_out_of_core(case: StoreCase, run: ChcrtRun) -> tuple[TableRows, bool | None]:
-    """Measure a store: (rows, whether all answers agree, or None if none are compared).
+def add_out_of_core(scene: str, triangles: int, memory: int | None, case: MakeCase, run: ChcrtRun) -> None:
+    """Measure a store.
 
     The ordinary tracer is compared if its tree fits in the memory limit.
+
+    scene : names the store's parts
+    triangles : about the number of its triangles
+    memory : the limit in bytes; None: the default
     """
-    tables, pace, say = run.tables, run.pace, run.say
-    whole = _WHOLE_BYTES * case.place.scene.n_triangles <= (case.max_memory or MAX_MEMORY)
-    rows: TableRows = {}
-    digests: Digests = []
-    if ChcrtTable.scenes in tables:
-        rows[ChcrtTable.scenes] = [size_of_store(case)]
-    if (WALKED | {ChcrtTable.mapped}).intersection(tables):
-        policies = POLICIES if ChcrtTable.store in tables else POLICIES[:1]
-        rows[ChcrtTable.store] = _gathered(
-            _without(digests, store_walkthroughs.out_of_core(case, pace, policies, say)), run
-        )
-    if ChcrtTable.mapped in tables and whole:
-        with temporary_folder() as folder:
-            say(f"{case.place.name}, writing the tree to be mapped")
-            write_tree(whole_tree(case.store), folder, case.threads)
-            frames = pace._replace(most=1 + max(t.frame for t in rows[ChcrtTable.store]))
-            walks = store_walkthroughs.map_through(case, folder, frames, say)
-            rows[ChcrtTable.mapped] = _gathered(_without(digests, walks), run)
-    if ChcrtTable.bounces in tables:
-        bvh = whole_tree(case.store) if whole else None
-        rows[ChcrtTable.bounces] = _gathered(
-            store_walkthroughs.bounce_through(case, bvh, pace._replace(most=2), say), run
-        )
-    if ChcrtTable.aggressive in tables:
-        rows[ChcrtTable.aggressive] = _gathered(store_walkthroughs.aggressive_out_of_core(case, pace, say), run)
-    if ChcrtTable.ablation in tables:
-        rows[ChcrtTable.ablation] = _gathered(_without(digests, ablate_out_of_core(case, pace, say)), run)
-    compared = {ChcrtTable.store, ChcrtTable.ablation, ChcrtTable.mapped}.intersection(tables)
-    same = agree(digests) and differing(rows) == 0
-    return rows, same if compared or (whole and ChcrtTable.bounces in rows) else None
+    pace, say = run.pace, run.say
+    whole = triangles * _WHOLE_BYTES <= (memory or MAX_MEMORY)
+
+    def longest() -> Pace:
+        turns = [t for walked in run.parts.values(ChcrtTable.store) for t in walked.turns]
+        return pace._replace(most=1 + max(t.frame for t in turns if t.scene == case().place.name))
+
+    with ExitStack() as stack:
+
+        @cache
+        def written() -> Path:
+            folder = stack.enter_context(temporary_folder())
+            say(f"{scene}, writing the tree to be mapped")
+            write_tree(whole_tree(case().store), folder, run.threads)
+            return folder
+
+        tree = cache(lambda: whole_tree(case().store) if whole else None)
+        walks: dict[ChcrtTable, Walks] = {
+            ChcrtTable.store: store_walkthroughs.out_of_core(case, pace, run.policies, say),
+            ChcrtTable.rival: store_walkthroughs.rival_through(case, pace, say),
+            ChcrtTable.mapped: store_walkthroughs.map_through(case, written, longest, say) if whole else (),
+            ChcrtTable.bounces: store_walkthroughs.bounce_through(case, tree, pace._replace(most=1 + ROUNDS), say),
+            ChcrtTable.aggressive: store_walkthroughs.aggressive_out_of_core(case, pace, say),
+            ChcrtTable.ablation: ablate_out_of_core(case, pace, say),
+        }
+        of_scene = {"memory": memory, "triangles": triangles}
+        run.parts.add(ChcrtTable.scenes, scene, lambda: [size_of_store(case())], **of_scene)
+        for table, each in walks.items():
+            run.add(table, scene, each, **of_scene)
 
 
 IN_CORE_SHARE = 0.47
@@ -206,58 +256,46 @@ IN_CORE_SHARE = 0.47
 _CHUNKS = 32  # least number of chunks of a temporary store
 
 
-def measure_temporary_store(triangles: int, size: tuple[int, int], run: ChcrtRun) -> tuple[TableRows, bool | None]:
-    """Build a store of a city in a temporary folder, and measure it with the memory share of City-200.
+def add_temporary_store(triangles: int, size: tuple[int, int], run: ChcrtRun) -> None:
+    """Measure a store of a city with the memory share of City-200. It is built in a temporary folder if needed.
 
     triangles : about the number of triangles
     size : (width, height) of the images
     """
-    with temporary_folder() as folder:
-        path = folder / "city.antumbra"
-        run.say("building a store")
-        build_store([procedural("city", triangles=triangles)], path, chunk=min(CHUNK, max(triangles // _CHUNKS, 1)))
-        scene = load(path)
-        place = place_of(scene_view(f"store of {scene.n_triangles:,} triangles", scene, size))
-        case = StoreCase(place, run.threads, share=IN_CORE_SHARE)
-        try:
-            return measure_out_of_core(case, run)
-        finally:
-            case.store.close()
+    with ExitStack() as stack:
+
+        @cache
+        def case() -> StoreCase:
+            path = stack.enter_context(temporary_folder()) / "city.antumbra"
+            run.say("building a store")
+            chunk = min(CHUNK, max(triangles // _CHUNKS, 1))
+            build_store([procedural("city", triangles=triangles)], path, chunk=chunk)
+            scene = load(path)
+            place = place_of(scene_view(f"store of {scene.n_triangles:,} triangles", scene, size))
+            made = StoreCase(place, run.threads, share=IN_CORE_SHARE)
+            stack.callback(made.store.close)
+            return made
+
+        add_out_of_core(f"store of about {triangles:,} triangles", triangles, None, case, run)
 
 
-def measure_scenes(
-    places: Iterable[WalkPlace], stored: int, size: tuple[int, int], run: ChcrtRun
-) -> tuple[TableRows, bool | None]:
-    """Measure a temporary store of about `stored` triangles, if it is not 0, and then scenes in memory.
-
-    The store comes first, while the process takes little memory.
-    """
-    nothing: tuple[TableRows, bool | None] = {}, None
-    paged, wanted = stored and {*PAGED}.intersection(run.tables), {*IN_CORE}.intersection(run.tables)
-    rows, same = measure_temporary_store(stored, size, run) if paged else nothing
-    in_memory, same_in_memory = measure_in_memory(places, run) if wanted else nothing
-    verdicts = [verdict for verdict in (same, same_in_memory) if verdict is not None]
-    merged = {name: [*in_memory.get(name, []), *rows.get(name, [])] for name in (*in_memory, *rows)}
-    return merged, all(verdicts) if verdicts else None
+def rows_of(parts: BenchParts) -> tuple[TableRows, bool | None]:
+    """(the rows of all parts, whether all answers agree, or None if none are compared)."""
+    sizes = {ChcrtTable.scenes: parts.rows(ChcrtTable.scenes)} if ChcrtTable.scenes in parts else {}
+    walks: dict[ChcrtTable, list[Walked]] = {
+        table: parts.values(table) for table in ChcrtTable if table in parts and table not in sizes
+    }
+    rows: TableRows = {
+        **sizes,
+        **{table: [t for each in walked for t in each.turns] for table, walked in walks.items()},
+    }
+    every = [each for walked in walks.values() for each in walked]
+    answers = [(f"{each.turns[0].scene}, {query}", bits) for each in every for query, bits in each.digests]
+    compared = any(each.compared for each in every) or len(dict(answers)) < len(answers)
+    return rows, agree(answers) and differing(rows) == 0 if compared else None
 
 
 def differing(measured: TableRows) -> int:
     """The number of rays with different answers by exact methods."""
     turns = (t for name, rows in measured.items() if name != ChcrtTable.scenes for t in rows)
     return sum(t.differs for t in turns if t.error is None)
-
-
-def _gathered(walks: Iterable[list[Turn]], run: ChcrtRun) -> list[Turn]:
-    """All turns of the walkthroughs, each shown as soon as it ends."""
-    turns: list[Turn] = []
-    for walk in walks:
-        run.show(walk)
-        turns += walk
-    return turns
-
-
-def _without(digests: Digests, walks: Iterable[tuple[list[Turn], Digests]]) -> Iterable[list[Turn]]:
-    """Yield the turns of each walkthrough, and append its digests to `digests`."""
-    for turns, new in walks:
-        digests += new
-        yield turns

@@ -3,7 +3,7 @@
 [Mattausch et al. 2015, Tables 2 and 3, Figures 7 and 8].
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -14,23 +14,27 @@ from ....store.chunk_residency import POLICIES
 from ..bench_runner import plot_sheet
 from . import chcrt_published
 from .walkthrough_timing import PHASES, Turn, later, of, rows_of, speedup, speedups, typical, value_of
-from .walkthroughs import SINGLE
+from .walkthroughs import FRUSTA, SINGLE
 
 # --- At a glance ------------------------------------------------------------------------------------------------------
 
 
-_OURS, _THEIRS = "tab:blue", "tab:orange"
+_OURS, _SAME, _THEIRS = "tab:blue", "tab:green", "tab:orange"
+_PAPER = "the paper"
 _TIMES, _SHARES = (
     (0.25, 0.5, 1.0, 2.0, 4.0, 8.0),
     (0.0, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0),
 )  # where the axes are labelled
 
 
-def speedup_points(turns: list[Turn]) -> dict[str, tuple[list[float], list[float]]]:
-    """Kind -> the speedups over plain tracing from the root: (ours, the paper's), one per scene and view."""
-    ours = speedups(turns)
+def speedup_points(turns: list[Turn]) -> dict[str, tuple[list[float], list[float], list[float]]]:
+    """Kind -> the speedups over plain tracing from the root, one per scene and view.
+
+    They are (ours over single rays, ours over frusta, the paper's). CHC+RT shares its kernel with frusta.
+    """
+    ours, same = speedups(turns), speedups(turns, FRUSTA)
     theirs = dict(zip(chcrt_published.KINDS, map(chcrt_published.speedups, range(len(chcrt_published.KINDS)))))
-    return {kind: (ours.get(kind, []), theirs.get(kind, [])) for kind in (ours or theirs)}
+    return {kind: (ours.get(kind, []), same.get(kind, []), theirs.get(kind, [])) for kind in (ours or theirs)}
 
 
 def moved_points(turns: list[Turn], sizes: Mapping[str, int]) -> dict[str, tuple[list[float], list[float]]]:
@@ -50,24 +54,26 @@ def _draw_overview(sheet: Any, turns: list[Turn], sizes: Mapping[str, int]) -> N
     """Draw the paper's results and ours side by side: a dot per scene and view, and a line at the median."""
     sheet.suptitle("CHC+RT at a glance: the paper's results and ours (a dot per scene and view; lines: medians)")
     panels = sheet.subplots(1, 2)
-    _draw_points(panels[0], speedup_points(turns))
-    panels[0].set_title(
-        f"in memory: times as fast as {SINGLE} from the root\n(ours: frusta against single rays)", fontsize=10
-    )
+    over = f"ours, over {SINGLE}: frusta against single rays", f"ours, over {FRUSTA}: the same kernel"
+    _draw_points(panels[0], speedup_points(turns), dict(zip((*over, _PAPER), (_OURS, _SAME, _THEIRS))))
+    panels[0].set_title("in memory: times as fast as tracing from the root", fontsize=10)
     panels[0].set(yscale="log", yticks=_TIMES, yticklabels=[f"{x:g}" for x in _TIMES])
     panels[0].axhline(1.0, color="0.6", lw=0.8)
     panels[0].minorticks_off()
-    _draw_points(panels[1], moved_points(turns, sizes))
+    _draw_points(panels[1], moved_points(turns, sizes), {"ours": _OURS, _PAPER: _THEIRS})
     panels[1].set_title("out of core: % of the store read per frame", fontsize=10)
     panels[1].set_yscale("symlog", linthresh=1e-5)
     panels[1].set(ylim=(-2e-6, None), yticks=_SHARES, yticklabels=[f"{100 * x:g}" for x in _SHARES])
     panels[1].minorticks_off()
-    panels[0].legend(*panels[1].get_legend_handles_labels(), loc="upper right", fontsize=8)
+    for panel, place in zip(panels, ("lower left", "lower right")):
+        panel.legend(loc=place, fontsize=8)
 
 
-def _draw_points(panel: Any, points: dict[str, tuple[list[float], list[float]]]) -> None:
-    for i, pair in enumerate(points.values()):
-        for values, name, colour, shift in zip(pair, ("ours", "the paper"), (_OURS, _THEIRS), (-0.15, 0.15)):
+def _draw_points(panel: Any, points: Mapping[str, Sequence[list[float]]], colours: dict[str, str]) -> None:
+    """Draw the points of each ray kind, a column per name in `colours`."""
+    shifts = 0.27 * (np.arange(len(colours)) - (len(colours) - 1) / 2)
+    for i, columns in enumerate(points.values()):
+        for values, (name, colour), shift in zip(columns, colours.items(), shifts):
             at = np.full(len(values), i + shift)
             panel.plot(at, values, "o", color=colour, ms=4, alpha=0.6, label=name if i == 0 else None)
             if values:

@@ -21,13 +21,14 @@ class ChcrtTable(StrEnum):
     ablation = "ablation"
     store = "store"
     mapped = "mapped"
+    rival = "rival"
     bounces = "bounces"
 
 
 WALKED = frozenset({ChcrtTable.times, ChcrtTable.phases, ChcrtTable.queries, ChcrtTable.store})
 """Tables that share walkthroughs."""
 
-IN_CORE = tuple(table for table in ChcrtTable if table.value not in ("store", "mapped", "bounces"))
+IN_CORE = tuple(table for table in ChcrtTable if table.value not in ("store", "mapped", "rival", "bounces"))
 PAGED = tuple(table for table in ChcrtTable if table != ChcrtTable.randomisation)
 """Tables for scenes in memory, and for a store."""
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from ....store.chunk_residency import POLICIES
 from ..bench_runner import TableColumn, columns_of, item, label, ms, print_notes, print_table
-from . import chcrt_published, mapped_tree, walkthrough_timing
+from . import chcrt_published, mapped_tree, store_walkthroughs, walkthrough_timing
 from .chcrt_measurements import BASELINE, SceneSize, TableRows
 from .chcrt_published import ChcrtTable
 from .store_walkthroughs import hit_rate
@@ -168,8 +168,8 @@ def _print_speedups(turns: list[Turn]) -> None:
     ]
     print_table("Speedup of chcrt over tracing from the root: medians over scenes and views, by kind", columns, rows)
     print_notes([
-        (f"over {SINGLE}", f"chcrt traces with the kernel of {FRUSTA}, so most of this speedup is that of frusta"),
-        (f"over {FRUSTA}", "the same kernel with and without CHC+RT, as in the paper; not measured for diffuse rays"),
+        (f"over {SINGLE}", f"chcrt traces with the kernels of {FRUSTA}, so most of this speedup is that of frusta"),
+        (f"over {FRUSTA}", "the same kernel with and without CHC+RT, as in the paper"),
         ("the abstract's", f"{chcrt_published.BEST} is the paper's largest, of diffuse rays in one view"),
     ])  # fmt: skip
 
@@ -349,10 +349,29 @@ def _print_mapped(turns: list[Turn]) -> None:
     ])  # fmt: skip
 
 
-def _print_bounces(turns: list[Turn]) -> None:
-    """Print the bytes read per bounce."""
+def _print_rival(turns: list[Turn]) -> None:
+    """Print CHC+RT beside a tracer with the same memory limit that pages on demand."""
+    sums = lambda mine, value: sum(t.statistics[value] for t in mine) / len(mine)
     columns = (
         *map(_named, _ROW),
+        _named("method"),
+        _FIRST._replace(head="ms first"),
+        _typical("ms"),
+        _by_turns("MB read per frame", lambda mine: f"{sums(mine, 'bytes') / 1e6:,.1f}"),
+        _by_turns("chunks read per frame", lambda mine: f"{sums(mine, 'loaded'):,.0f}"),
+        _FRAMES,
+    )
+    title = "A rival with the same memory limit: diffuse rays, block by block"
+    print_table(title, columns, _groups(turns, *_ROW, "method"))
+    text = "the same kernel and chunks, but blocks of 32 rows of each pass end one after the other: paging on demand"
+    print_notes([(store_walkthroughs.RIVAL, text)])
+
+
+def _print_bounces(turns: list[Turn]) -> None:
+    """Print the bytes read per bounce, with paths in the order of pixels and sorted."""
+    columns = (
+        *map(_named, _ROW),
+        _named("method"),
         _by_turns("rays", lambda mine: f"{mine[0].rays:,}"),
         _by_turns("MB read first", lambda mine: f"{mine[0].statistics['bytes'] / 1e6:,.1f}"),
         _FIRST._replace(head="ms first"),
@@ -362,7 +381,7 @@ def _print_bounces(turns: list[Turn]) -> None:
         _by_turns("differ", lambda mine: f"{sum(t.differs for t in mine):,}"),
     )
     title = "Diffuse paths of several bounces out of core; differ: hits other than in memory"
-    print_table(title, columns, _groups(turns, *_ROW))
+    print_table(title, columns, _groups(turns, *_ROW, "method"))
 
 
 Printer = Callable[[list[Any]], None]
@@ -385,6 +404,7 @@ OTHERS: dict[ChcrtTable, Printer] = {
     ChcrtTable.randomisation: _print_randomisation,
     ChcrtTable.aggressive: _print_aggressive,
     ChcrtTable.ablation: _print_ablation,
+    ChcrtTable.rival: _print_rival,
     ChcrtTable.bounces: _print_bounces,
 }
 

@@ -1,21 +1,23 @@
-"""Measures walkthroughs out of core [Mattausch et al. 2015, Sec. 5.4, Tables 2 to 4], and paths of several bounces.
+"""Measures walkthroughs out of core [Mattausch et al. 2015, Sec. 5.4, Tables 2 to 4], a rival, and several bounces.
 
 Only part of the triangles is in memory. The eviction policies run one after the other, because each may fill the
 memory. Before each walkthrough, the store's pages are dropped from the cache of the operating system; while it runs,
 the system may cache pages that are read twice.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from itertools import islice
+from functools import lru_cache, partial
+from itertools import islice, product
 from math import inf
 from pathlib import Path
-from time import perf_counter
 from typing import NamedTuple, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ....base.errors import InputError
+from ....base.progress import clock_seconds
 from ....bvh.nodes import Bvh
 from ....engine.paged_scene import PagedScene
 from ....engine.plan_records import precompile_plan
@@ -26,6 +28,7 @@ from ....picture.frame_request import PASS_BYTES, Request, frame_memory
 from ....picture.render_options import RenderOptions
 from ....picture.renderer import Renderer
 from ....query.light_samples import light_samples
+from ....query.query_bounds import morton_codes
 from ....query.ray_passes import RayPass, diffuse_passes, diffuse_rays
 from ....query.shadow_query import Surfaces, surface_queries
 from ....scene.camera import Camera
@@ -41,8 +44,11 @@ from . import mapped_tree
 from .mapped_tree import map_tree
 from .walkthrough_timing import (
     CHCRT,
+    Digests,
     Pace,
     Turn,
+    Walked,
+    Walks,
     begin,
     colour_bleeding,
     error_of,
@@ -55,6 +61,7 @@ from .walkthroughs import (
     PASSES,
     SAMPLER,
     SPP,
+    VIEWS,
     Answer,
     Culling,
     FrameRays,
@@ -66,10 +73,6 @@ from .walkthroughs import (
 )
 
 # --- A store with a memory limit --------------------------------------------------------------------------------------
-
-
-Digests = list[tuple[str, bytes]]
-"""(query, digest) of all answers, for `papers.benchmark_views.agree`."""
 
 
 class StoreCase(NamedTuple):
@@ -131,7 +134,7 @@ def _request(place: WalkPlace, camera: Camera) -> Request:
     """A frame request with the benchmark's rays."""
     lights = [AmbientOcclusion(place.reach), place.light]
     samples = [light_samples(lights[0], PASSES, SAMPLER), light_samples(lights[1], SPP)]
-    return Request(camera, lights, RenderOptions(), samples, passes=diffuse_passes([place.light], PASSES, SAMPLER))
+    return Request(camera, lights, RenderOptions(), samples, passes=[diffuse_passes([place.light], PASSES, SAMPLER)])
 
 
 def _moved(before: NamedTuple, paged: Paged) -> dict[str, int]:
@@ -143,20 +146,26 @@ def _moved(before: NamedTuple, paged: Paged) -> dict[str, int]:
 # --- All ray kinds ----------------------------------------------------------------------------------------------------
 
 
-def out_of_core(case: StoreCase, pace: Pace, policies: Sequence[str], say: Say) -> Iterator[tuple[list[Turn], Digests]]:
-    """Yield (turns, digests) of each walkthrough under each eviction policy, the `method` of its turns."""
-    for walk in case.place.walks:
+MakeCase = Callable[[], StoreCase]
+"""Returns the case; the first call may build its store."""
+
+
+def out_of_core(case: MakeCase, pace: Pace, policies: Sequence[str], say: Say) -> Walks:
+    """Walkthroughs under each eviction policy, the `method` of its turns."""
+    for view in VIEWS:
         for policy in policies:
-            with opened(case) as paged:
-                paged.residency.policy = policy
-                result = walk_through_store(case, walk, paged, policy, pace, say)
-            yield result
+            yield f"{view}, {policy}", partial(_under_policy, case, view, policy, pace, say)
 
 
-def walk_through_store(
-    case: StoreCase, walk: Walk, paged: Paged, name: str, pace: Pace, say: Say
-) -> tuple[list[Turn], Digests]:
-    """(turns of all ray kinds, digests of their answers) of a walkthrough; `name` is the `method` of the turns."""
+def _under_policy(case: MakeCase, view: str, policy: str, pace: Pace, say: Say) -> Walked:
+    made = case()
+    with opened(made) as paged:
+        paged.residency.policy = policy
+        return walk_through_store(made, made.place.walk(view), paged, policy, pace, say)
+
+
+def walk_through_store(case: StoreCase, walk: Walk, paged: Paged, name: str, pace: Pace, say: Say) -> Walked:
+    """A walkthrough with all ray kinds; `name` is the `method` of the turns."""
     place, threads = case.place, case.threads
     method = Culling(name, paged.accelerated.prepared, threads)
     turns: list[Turn] = []
@@ -169,9 +178,9 @@ def walk_through_store(
         for kind in KINDS:
             before, statistics = paged.residency.paging, statistics_counter(method)
             if rays is None:  # camera rays are timed with making the surfaces, whose triangles are in the chunks
-                began = perf_counter()
+                began = clock_seconds()
                 surfaces = _look(paged, camera)
-                seconds = perf_counter() - began
+                seconds = clock_seconds() - began
                 answers: list[Answer] = [(surfaces.ids, surfaces.gbuffer.depth)]
                 rays = frame_rays(place, camera, surfaces, SAMPLER, threads)
             else:
@@ -181,7 +190,7 @@ def walk_through_store(
             digests += [(query, digest(a for answer in answers for a in answer)), _hits_digest(query, answers)]
             where = place.name, walk.name, SAMPLER, kind, name, frame
             turns.append(Turn(*where, rays.rays(kind), seconds, {**statistics(), **moved}, 0))
-    return turns, digests
+    return Walked(turns, digests)
 
 
 def _hits_digest(query: str, answers: Sequence[Answer]) -> tuple[str, bytes]:
@@ -189,41 +198,112 @@ def _hits_digest(query: str, answers: Sequence[Answer]) -> tuple[str, bytes]:
     return f"{query}, hits", digest(answer[0] for answer in answers)
 
 
-def map_through(case: StoreCase, folder: Path, pace: Pace, say: Say) -> Iterator[tuple[list[Turn], Digests]]:
-    """Yield (turns, digests) of each walkthrough by the ordinary tracer in a memory-mapped tree; see `mapped_tree`.
+def map_through(case: MakeCase, tree: Callable[[], Path], pace: Callable[[], Pace], say: Say) -> Walks:
+    """Walkthroughs by the ordinary tracer in a memory-mapped tree; see `mapped_tree`.
 
-    folder : of the tree's files
-    pace : its time limit does not apply
+    tree : returns the folder of the tree's files
+    pace : returns the pace, whose time limit does not apply
     """
-    name, pace = mapped_tree.NAME, pace._replace(limit=inf)
-    with opened(StoreCase(case.place, case.threads)) as paged:  # makes the surfaces that rays start from
-        for walk in case.place.walks:
-            tree, turns, digests = map_tree(folder), list[Turn](), Digests()
-            method = Plain(mapped_tree.TRACER, *tree, case.threads)
-            for frame, camera in pace.along(walk, f"{case.place.name}, {walk.name}, {name}", say):
-                paged.begin(frame_memory(_request(case.place, camera)))
-                rays = frame_rays(case.place, camera, _look(paged, camera), SAMPLER, case.threads)
-                for kind in KINDS:
-                    before = storage_bytes()
-                    seconds, answers = timed(method, rays, kind)
-                    read = {} if before is None else {"bytes": (storage_bytes() or 0) - before}
-                    digests.append(_hits_digest(f"{walk.name}, {frame}, {kind}", answers))
-                    where = case.place.name, walk.name, SAMPLER, kind, name, frame
-                    turns.append(Turn(*where, rays.rays(kind), seconds, dict[str, float](read), 0))
-            yield turns, digests
+    for view in VIEWS:
+        yield view, partial(_mapped, case, tree, view, pace, say)
+
+
+def _mapped(case: MakeCase, tree: Callable[[], Path], view: str, pace: Callable[[], Pace], say: Say) -> Walked:
+    name, made = mapped_tree.NAME, case()
+    place, threads, walk = made.place, made.threads, made.place.walk(view)
+    with opened(StoreCase(place, threads)) as paged:  # makes the surfaces that rays start from
+        turns, digests = list[Turn](), Digests()
+        method = Plain(mapped_tree.TRACER, *map_tree(tree()), threads)
+        for frame, camera in pace()._replace(limit=inf).along(walk, f"{place.name}, {walk.name}, {name}", say):
+            paged.begin(frame_memory(_request(place, camera)))
+            rays = frame_rays(place, camera, _look(paged, camera), SAMPLER, threads)
+            for kind in KINDS:
+                before = storage_bytes()
+                seconds, answers = timed(method, rays, kind)
+                read = {} if before is None else {"bytes": (storage_bytes() or 0) - before}
+                digests.append(_hits_digest(f"{walk.name}, {frame}, {kind}", answers))
+                where = place.name, walk.name, SAMPLER, kind, name, frame
+                turns.append(Turn(*where, rays.rays(kind), seconds, dict[str, float](read), 0))
+        return Walked(turns, digests)
+
+
+# --- A rival with the same memory limit -------------------------------------------------------------------------------
+
+
+RIVAL = "in order"
+"""The rival: CHC+RT's kernel, chunks and memory limit, but blocks of pixels one after the other."""
+
+_ROWS = 32  # rows of a block
+
+
+def rival_through(case: MakeCase, pace: Pace, say: Say) -> Walks:
+    """Walkthroughs of diffuse rays by CHC+RT and by the rival.
+
+    A tracer that pages on demand ends a block of pixels before it begins the next one, so blocks read the same chunks
+    again. CHC+RT traces all rays of the picture that may meet a chunk while it is in memory.
+    """
+    for view in VIEWS:
+        yield view, partial(_beside_rival, case, view, pace.shorter(), say)
+
+
+def _beside_rival(case: MakeCase, view: str, pace: Pace, say: Say) -> Walked:
+    made, turns, digests = case(), list[Turn](), Digests()
+    for name in (CHCRT, RIVAL):
+        with opened(made) as paged:
+            walked = _diffuse_through(made, made.place.walk(view), paged, name, pace, say)
+        pace = pace._replace(most=len(walked.turns), limit=inf)  # the rival traces the same frames
+        turns, digests = turns + walked.turns, digests + walked.digests
+    return Walked(turns, digests)
+
+
+def _diffuse_through(case: StoreCase, walk: Walk, paged: Paged, name: str, pace: Pace, say: Say) -> Walked:
+    place, threads, exact = case.place, case.threads, paged.accelerated.prepared
+    method, turns, digests = Culling(name, exact, threads), list[Turn](), Digests()
+    for frame, camera in pace.along(walk, f"{place.name}, {walk.name}, {name}", say):
+        case.begin(paged, camera)
+        method.together = paged.together(PASS_BYTES * camera.width * camera.height)
+        begin([method])
+        rays = frame_rays(place, camera, _look(paged, camera), SAMPLER, threads)
+        before = paged.residency.paging
+        seconds, answers = _in_blocks(exact, rays, threads) if name == RIVAL else timed(method, rays, DIFFUSE)
+        digests.append(_hits_digest(f"{walk.name}, {frame}, {DIFFUSE}", answers))
+        where = place.name, walk.name, SAMPLER, DIFFUSE, name, frame
+        turns.append(Turn(*where, rays.rays(DIFFUSE), seconds, dict[str, float](_moved(before, paged)), 0))
+        del rays, answers  # free their memory for the next frame
+    return Walked(turns, digests)
+
+
+def _in_blocks(exact: ChcRtState, rays: FrameRays, threads: int) -> tuple[float, list[Answer]]:
+    """(seconds to trace the diffuse rays block by block, answers)."""
+    height, width = rays.shape
+    seconds, answers = 0.0, list[Answer]()
+    for each in rays.diffuse():
+        for first in range(0, height, _ROWS):
+            rows = slice(first * width, min(first + _ROWS, height) * width)
+            block = RayPass(*(array[rows] for array in each))
+            state = ChcRtState(exact.parts, exact.options._replace(keep=False))
+            state.room = exact.room
+            began = clock_seconds()
+            answers += Culling(RIVAL, state, threads).answer([block], (len(block.origins) // width, width))
+            seconds += clock_seconds() - began
+    return seconds, answers
 
 
 # --- Aggressive mode --------------------------------------------------------------------------------------------------
 
 
-def aggressive_out_of_core(case: StoreCase, pace: Pace, say: Say) -> Iterator[list[Turn]]:
-    """Measure Table 4 out of core, where it matters most: aggressive diffuse rays after exact camera rays."""
-    for walk in case.place.walks:
-        pictures: list[np.ndarray] = []
-        for threshold in THRESHOLDS:
-            with opened(case) as paged:
-                turns = _bleed_through(case, walk, paged, threshold, pictures, pace, say)
-            yield turns
+def aggressive_out_of_core(case: MakeCase, pace: Pace, say: Say) -> Walks:
+    """Table 4 out of core, where it matters most: aggressive diffuse rays after exact camera rays."""
+    for view in VIEWS:
+        yield view, partial(_aggressive, case, view, pace, say)
+
+
+def _aggressive(case: MakeCase, view: str, pace: Pace, say: Say) -> Walked:
+    made, turns, pictures = case(), list[Turn](), list[np.ndarray]()
+    for threshold in THRESHOLDS:
+        with opened(made) as paged:
+            turns += _bleed_through(made, made.place.walk(view), paged, threshold, pictures, pace, say)
+    return Walked(turns, [])
 
 
 def _bleed_through(
@@ -249,11 +329,11 @@ def _bleed_through(
         before, statistics, seconds, hit_colours = paged.residency.paging, statistics_counter(method), 0.0, []
         passes, each = list(rays.diffuse()), PASS_BYTES * camera.width * camera.height
         for first in range(0, len(passes), n := paged.together(each)):
-            began = perf_counter()
+            began = clock_seconds()
             for hits in paged.nearest(passes[first : first + n], rays.shape, by):
-                seconds += perf_counter() - began
+                seconds += clock_seconds() - began
                 hit_colours.append((hits.triangles.colour, hits.gbuffer.face))
-                began = perf_counter()
+                began = clock_seconds()
         moved = _moved(before, paged)
         picture = colour_bleeding(surfaces, hit_colours)
         pictures += [] if threshold else [picture]
@@ -270,39 +350,77 @@ def _bleed_through(
 BOUNCES, PATHS = 3, 4
 """Bounces after the camera ray, and paths per pixel."""
 
+SORTED = f"{CHCRT}, sorted"
+"""The method that sorts paths before each bounce after the first; `chcrt` leaves them in the order of pixels."""
+
+
+@lru_cache(4)
+def _places(height: int, width: int) -> NDArray[np.int64]:
+    """(height * width,) int64: the pixels of each sample set, set by set, each along a Morton curve."""
+    y, x = np.divmod(np.arange(height * width), width)
+    codes = (y & 3) << 2 | x & 3
+    for bit in range(max(height, width).bit_length() - 1, 1, -1):
+        codes = codes << 2 | (y >> bit & 1) << 1 | x >> bit & 1
+    return np.argsort(codes)
+
+
+def coherent_order(rays: RayPass, shape: tuple[int, int]) -> NDArray[np.int64]:
+    """(H * W,) int64: which ray of a picture goes where, so that rays of neighbouring pixels are similar.
+
+    Rays are sorted by the octant of their directions, then by the Morton codes of their origins [Mattausch et al. 2015,
+    Sec. 6], and placed along a Morton curve over the picture. Each keeps its sample set, and so its path. Missing rays
+    come last.
+    """
+    places = _places(*shape)
+    sets = (places // shape[1] & 3) << 2 | places % shape[1] & 3
+    d = rays.directions[places]
+    octants = np.where(d.any(1), (d < 0.0) @ np.array([4, 2, 1]), 8)
+    codes = sets << 34 | octants << 30 | morton_codes(rays.origins[places])
+    order = np.empty_like(places)
+    order[places] = places[np.argsort(codes)]
+    return order
+
 
 def bounce_kind(bounce: int) -> str:
     """The `kind` of the turns of a bounce; 0: camera rays."""
     return f"bounce {bounce}" if bounce else "camera"
 
 
-def bounce_through(case: StoreCase, bvh: Bvh | None, pace: Pace, say: Say) -> Iterator[list[Turn]]:
-    """Yield the turns of each walkthrough: diffuse paths of several bounces, all paths of a bounce traced together.
+def bounce_through(case: MakeCase, tree: Callable[[], Bvh | None], pace: Pace, say: Say) -> Walks:
+    """Walkthroughs of diffuse paths of several bounces, all paths of a bounce traced together.
 
-    bvh : the whole tree; the ordinary tracer traces the same rays in it, and `differs` counts other hits
+    tree : returns the whole tree; the ordinary tracer traces the same rays in it, and `differs` counts other hits
     """
-    place, threads = case.place, case.threads
-    for walk in place.walks:
-        with opened(case) as paged:
-            method, turns = Culling(CHCRT, paged.accelerated.prepared, threads), list[Turn]()
-            for frame, camera in pace.shorter().along(walk, f"{place.name}, {walk.name}, bounces", say):
-                case.begin(paged, camera)
-                begin([method])
-                ends: list[Surfaces] = []
-                for bounce in range(BOUNCES + 1):
-                    rays = _bounce_rays(place, bounce, ends, threads)
-                    before, statistics, began = paged.residency.paging, statistics_counter(method), perf_counter()
-                    if bounce == 0:
-                        ends = [_look(paged, camera)]
-                    else:
-                        ends = list(paged.nearest(rays, (camera.height, camera.width)))
-                    seconds, moved = perf_counter() - began, _moved(before, paged)
-                    n = sum(int((r.directions != 0).any(1).sum()) for r in rays) or camera.width * camera.height
-                    differs = 0 if bvh is None else sum(_other_hits(bvh, *each, threads) for each in zip(rays, ends))
-                    where = place.name, walk.name, SAMPLER, bounce_kind(bounce), CHCRT, frame
-                    turns.append(Turn(*where, n, seconds, {**statistics(), **moved}, differs))
-                del rays, ends  # free their memory for the next frame
-        yield turns
+    for view, name in product(VIEWS, (CHCRT, SORTED)):
+        yield f"{view}, {name}", partial(_bounced, case, tree, view, name, pace.shorter(), say)
+
+
+def _bounced(case: MakeCase, tree: Callable[[], Bvh | None], view: str, name: str, pace: Pace, say: Say) -> Walked:
+    made, bvh = case(), tree()
+    place, threads, walk = made.place, made.threads, made.place.walk(view)
+    with opened(made) as paged:
+        method, turns = Culling(name, paged.accelerated.prepared, threads), list[Turn]()
+        for frame, camera in pace.along(walk, f"{place.name}, {walk.name}, bounces, {name}", say):
+            made.begin(paged, camera)
+            begin([method])
+            ends: list[Surfaces] = []
+            for bounce in range(BOUNCES + 1):
+                rays = _bounce_rays(place, bounce, ends, threads)
+                if name == SORTED and bounce > 1:
+                    orders = [coherent_order(each, (camera.height, camera.width)) for each in rays]
+                    rays = [RayPass(*(part[order] for part in each)) for each, order in zip(rays, orders)]
+                before, statistics, began = paged.residency.paging, statistics_counter(method), clock_seconds()
+                if bounce == 0:
+                    ends = [_look(paged, camera)]
+                else:
+                    ends = list(paged.nearest(rays, (camera.height, camera.width)))
+                seconds, moved = clock_seconds() - began, _moved(before, paged)
+                n = sum(int((r.directions != 0).any(1).sum()) for r in rays) or camera.width * camera.height
+                differs = 0 if bvh is None else sum(_other_hits(bvh, *each, threads) for each in zip(rays, ends))
+                where = place.name, walk.name, SAMPLER, bounce_kind(bounce), name, frame
+                turns.append(Turn(*where, n, seconds, {**statistics(), **moved}, differs))
+            del rays, ends  # free their memory for the next frame
+    return Walked(turns, [], compared=bvh is not None)
 
 
 def _bounce_rays(place: WalkPlace, bounce: int, ends: Sequence[Surfaces], threads: int) -> list[RayPass]:

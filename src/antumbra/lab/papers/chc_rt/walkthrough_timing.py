@@ -7,6 +7,7 @@ frame, because it keeps state from the previous one; the other methods are state
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from statistics import median
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -26,12 +27,13 @@ from ....scene.camera import Camera
 from ....techniques.chcrt.chc_rt import ChcRtState
 from ....techniques.chcrt.tree_parts import TreeParts, parts_of
 from ....techniques.tracer_options import ChcRtOptions
-from ..bench_runner import Say
+from ..bench_runner import ROUNDS, Say
 from ..published_methods import THRESHOLDS, tracer_name
 from .walkthroughs import (
     AO,
     DIFFUSE,
     KINDS,
+    ONE_PART,
     SAMPLER,
     SINGLE,
     TRACERS,
@@ -68,7 +70,7 @@ class Pace(NamedTuple):
 
     frames: int  # frames of the whole walkthrough
     compared: int  # frames after the first that the stateless methods trace
-    limit: float  # seconds after which no further frame begins; the second always does
+    limit: float  # seconds after which no further frame begins; the first and ROUNDS more always do
     most: int = 10_000  # frames after which the walkthrough is cut short
 
     def takes_part(self, method: Method, frame: int) -> bool:
@@ -83,7 +85,7 @@ class Pace(NamedTuple):
         """Yield (frame, camera) until the time limit, and report each frame to `say`."""
         start = perf_counter()
         for frame in range(min(self.frames, self.most)):
-            if frame > 1 and perf_counter() - start > self.limit:
+            if frame > ROUNDS and perf_counter() - start > self.limit:
                 return
             say(f"{what}, frame {frame + 1} of {self.frames}")
             yield frame, walk.camera(frame, self.frames)
@@ -154,7 +156,8 @@ class InCore:
 
     def plain(self) -> list[Plain]:
         """The stateless tracers."""
-        return [Plain(name, self._bvh, self._tree, self.threads) for name in TRACERS]
+        whole = parts_of(self._tree, ONE_PART)
+        return [Plain(name, self._bvh, self._tree, self.threads, whole) for name in TRACERS]
 
     def frame_rays(self, camera: Camera, sampler: str) -> FrameRays:
         """The rays of a frame."""
@@ -251,27 +254,54 @@ def colour_bleeding(surfaces: Surfaces, hits: Sequence[tuple[np.ndarray, np.ndar
     return to_srgb8(light, 1.0)
 
 
-def times(core: InCore, pace: Pace, plain: bool, say: Say) -> Iterator[list[Turn]]:
-    """Measure Table 2, Table 3 and Fig. 8: all ray kinds, near and far. Yield the turns of each walkthrough.
-
-    `plain` : whether to measure the stateless tracers too
-    """
-    for walk in core.place.walks:
-        methods: list[Method] = [core.culling(), *(core.plain() if plain else [])]
-        yield walk_through(core, walk, methods, KINDS, SAMPLER, pace, say)
+Digests = list[tuple[str, bytes]]
+"""(query, digest) of answers, for `papers.benchmark_views.agree`."""
 
 
-def randomisation(core: InCore, pace: Pace, say: Say) -> Iterator[list[Turn]]:
-    """Measure Table 5: AO and diffuse rays in the near walk, with growing rotations between pixels."""
+class Walked(NamedTuple):
+    """What a walkthrough measured."""
+
+    turns: list[Turn]
+    digests: Digests
+    compared: bool = False  # whether the turns count differing answers
+
+
+Walks = Iterable[tuple[str, Callable[[], Walked]]]
+"""Names of walkthroughs, and functions that measure them. Nothing is built before one is called."""
+
+
+def times(place: WalkPlace, core: Callable[[], InCore], pace: Pace, say: Say) -> Walks:
+    """Table 2, Table 3 and Fig. 8: all ray kinds, near and far."""
+    for walk in place.walks:
+        yield walk.name, partial(_walked, core, walk, None, KINDS, SAMPLER, pace, say)
+
+
+def randomisation(place: WalkPlace, core: Callable[[], InCore], pace: Pace, say: Say) -> Walks:
+    """Table 5: AO and diffuse rays in the near walk, with growing rotations between pixels."""
     for sampler in SAMPLERS:
-        yield walk_through(core, core.place.walks[0], [core.culling()], (AO, DIFFUSE), sampler, pace.shorter(), say)
+        yield sampler, partial(_walked, core, place.walks[0], (0,), (AO, DIFFUSE), sampler, pace.shorter(), say)
 
 
-def aggressive(core: InCore, pace: Pace, say: Say) -> Iterator[list[Turn]]:
-    """Measure Table 4: diffuse rays in aggressive mode."""
-    for walk in core.place.walks:
-        methods = [core.culling(threshold) for threshold in THRESHOLDS]
-        yield walk_through(core, walk, methods, (DIFFUSE,), SAMPLER, pace.shorter(), say)
+def aggressive(place: WalkPlace, core: Callable[[], InCore], pace: Pace, say: Say) -> Walks:
+    """Table 4: diffuse rays in aggressive mode."""
+    for walk in place.walks:
+        yield walk.name, partial(_walked, core, walk, THRESHOLDS, (DIFFUSE,), SAMPLER, pace.shorter(), say)
+
+
+def _walked(
+    core: Callable[[], InCore],
+    walk: Walk,
+    thresholds: Sequence[int] | None,
+    kinds: Sequence[str],
+    sampler: str,
+    pace: Pace,
+    say: Say,
+) -> Walked:
+    """A walkthrough by CHC+RT with these thresholds; None: by exact CHC+RT and the stateless tracers."""
+    built = core()
+    methods: list[Method] = [built.culling(threshold) for threshold in thresholds or (0,)]
+    methods += built.plain() if thresholds is None else []
+    return Walked(walk_through(built, walk, methods, kinds, sampler, pace, say), [], compared=True)
 
 
 def of(turns: Iterable[Turn], **fields: object) -> list[Turn]:

@@ -8,12 +8,12 @@ are generated beforehand, and hits are not shaded.
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import islice
-from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
 
 from ....base.errors import InputError
+from ....base.progress import clock_seconds
 from ....bvh.block_tree import BlockTree
 from ....bvh.nodes import Bvh
 from ....engine.plan import parse_plan
@@ -23,11 +23,17 @@ from ....kernels.jit import kernel
 from ....kernels.parallel import items, new_ticket, run
 from ....query.gbuffer import pixel_direction
 from ....query.light_samples import light_samples
+from ....query.query_bounds import bounds
 from ....query.ray_passes import RayPass, diffuse_passes, diffuse_rays
 from ....query.shadow_query import ShadowQuery, Surfaces, new_bits, ray_count, surface_queries
 from ....scene.camera import Camera, CameraRays
 from ....scene.lights import AmbientOcclusion, Light
-from ....techniques.chcrt.chc_rt import ChcRtState, camera_hits, nearest_hits, trace_shadow
+from ....techniques.chcrt.chc_rt import ChcRtState, camera_hits, nearest_hits, reach_inside, trace_shadow
+from ....techniques.chcrt.occlusion_queries import Pairs
+from ....techniques.chcrt.picture_ray_sets import PassRaySet
+from ....techniques.chcrt.ray_bundles import pass_rays
+from ....techniques.chcrt.tree_parts import TreeParts
+from ....techniques.tracer_options import ChcRtOptions
 from ....trace.primary.primary_rays import trace_primary
 from ....trace.rays import ray_hits
 from ..benchmark_views import BenchmarkScenes, BenchmarkView, square
@@ -44,10 +50,13 @@ _TURN = np.radians(15.0)
 _CLOSER = 0.6  # share of the distance at which the whole bounding sphere is visible, since most scenes are flat
 
 
+VIEWS = NEAR, FAR = "near", "far"
+
+
 class Walk(NamedTuple):
     """A walkthrough along a straight line."""
 
-    name: str  # "near" or "far"
+    name: str  # one of VIEWS
     first: Camera
     last: Camera
 
@@ -66,7 +75,11 @@ class WalkPlace(NamedTuple):
     scene: AnyScene
     light: Light
     reach: float  # radius of ambient occlusion, in world units
-    walks: tuple[Walk, Walk]  # near and far
+    walks: tuple[Walk, Walk]  # of VIEWS
+
+    def walk(self, view: str) -> Walk:
+        """The walkthrough of one of VIEWS."""
+        return self.walks[VIEWS.index(view)]
 
 
 def scenes(triangles: int) -> BenchmarkScenes:
@@ -89,7 +102,7 @@ def place_of(view: BenchmarkView) -> WalkPlace:
     near_cameras = _street(scene, size) if city else _steps(view.camera, _STEP * diagonal)
     far_camera = _move_closer(scene.default_camera(*size))
     reach = _CITY_REACH if city else _REACH * diagonal
-    walks = Walk("near", *near_cameras), Walk("far", far_camera, _orbited(far_camera, far_camera.target))
+    walks = Walk(NEAR, *near_cameras), Walk(FAR, far_camera, _orbited(far_camera, far_camera.target))
     return WalkPlace(view.name, scene, view.lights[0], reach, walks)
 
 
@@ -145,14 +158,18 @@ BUILD = "bsah+reinsert"
 SINGLE, FRUSTA = "single", "multifrusta"
 """The tracer that stands in for GLSL: one ray at a time, from the root."""
 
-TRACERS = {SINGLE: KINDS, "packet16": (AO, SOFT), FRUSTA: (PRIMARY, AO, SOFT)}
-"""Stateless tracer -> the ray kinds that it has a method for."""
+TRACERS = {SINGLE: KINDS, "packet16": (AO, SOFT), FRUSTA: KINDS}
+"""Stateless tracer -> the ray kinds that it has a method for. FRUSTA has the kernels of CHC+RT: for diffuse rays, that
+which traces 16 of them together."""
 
 
 def plan_of(tracer: str) -> str:
     """The plan of a tracer in the benchmark."""
     return f"{BUILD}+{tracer}"
 
+
+ONE_PART = ChcRtOptions(triangles=1 << 62, height=1 << 30)
+"""The options by which a whole tree is one part."""
 
 Query = CameraRays | RayPass | ShadowQuery
 Answer = tuple[np.ndarray, ...]
@@ -242,13 +259,17 @@ class Culling:
 
 
 class Plain:
-    """A stateless tracer, which starts at the root."""
+    """A stateless tracer, which starts at the root.
 
-    def __init__(self, name: str, bvh: Bvh, tree: BlockTree, threads: int):
+    whole : the tree as one part, by which FRUSTA traces diffuse rays; None: it traces them as single rays
+    """
+
+    def __init__(self, name: str, bvh: Bvh, tree: BlockTree, threads: int, whole: TreeParts | None = None):
         self.name, self.kinds, self.bvh, self.tree, self.threads = name, TRACERS[name], bvh, tree, threads
         self.tracer = parse_plan(plan_of(name)).tracer
         self.blocks = name == "multifrusta"
         self.prepared = tree if self.blocks else self.tracer.prepare(bvh, threads)
+        self.whole = whole if self.blocks else None
 
     together = 1
 
@@ -259,8 +280,19 @@ class Plain:
         if self.blocks and isinstance(query, CameraRays):
             face, t = trace_primary(self.tree, query, self.threads)
             return [(face.reshape(-1), t.reshape(-1))]
+        if self.whole is not None and isinstance(query, RayPass):
+            return [self._by_cells(self.whole, query, shape)]
         rays = _camera_pass(query, self.threads) if isinstance(query, CameraRays) else query
         return [ray_hits.nearest_hits(self.bvh, *rays, self.threads)]
+
+    def _by_cells(self, whole: TreeParts, query: RayPass, shape: tuple[int, int]) -> Answer:
+        """The hits of a pass by the kernel of CHC+RT, in the whole tree and without queries."""
+        reach = reach_inside(whole, *bounds(query.origins, self.threads))
+        rays = PassRaySet(whole, ONE_PART, pass_rays(query, *shape, reach), self.threads)
+        tiles = np.arange(rays.tiles.smallest, dtype=np.int32)
+        nothing = np.zeros_like(tiles)
+        rays.trace(Pairs(tiles, nothing, nothing), np.zeros(len(tiles), np.float32))
+        return rays.hits.face.reshape(-1), rays.hits.t.reshape(-1)
 
 
 Method = Culling | Plain
@@ -276,9 +308,9 @@ def timed(method: Method, frame_rays: FrameRays, kind: str) -> tuple[float, list
     """(seconds to trace the rays of a kind, answers)."""
     seconds, answers, queries = 0.0, list[Answer](), frame_rays.queries(kind)
     while batch := list(islice(queries, method.together)):
-        start = perf_counter()
+        start = clock_seconds()
         answers += method.answer(batch, frame_rays.shape)
-        seconds += perf_counter() - start
+        seconds += clock_seconds() - start
     return seconds, answers
 
 

@@ -5,6 +5,6 @@
 - `moeller_trumbore`: packets of 16 shadow rays or primary rays (Sec. 5.1)
 - `large_packets`: packets of 256 shadow rays (Sec. 5.2)
 - `frusta_published`: the paper's figures
-- `frusta_measurements`, `frusta_costs`: measure the tables and figures, and fit costs per operation
+- `frusta_measurements`: measures the tables and figures
 - `frusta_tables`, `frusta_plots`: print and draw them
 """

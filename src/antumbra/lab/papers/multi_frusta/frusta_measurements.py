@@ -2,11 +2,10 @@
 
 - Table 1, P rows: primary rays, with and without shading, at their own size; and hard shadow rays from a point light.
 - Table 1, S rows: accesses, tests and time of shadow rays. The paper's rows include the primary rays.
-- Costs per operation, fitted to several sizes of the light (`frusta_costs`).
 - Sec. 5.2: packets of 256 rays, listed in Table 1.
 - Table 2: three kinds of frustum shrinking.
 - Figure 5: visibility with 16 interleaved samples, smoothed by the discontinuity filter, and with 256 samples.
-- Figure 6: lights with 1/4 to 8 times the edge length.
+- Figure 6: lights with 1/4 to 8 times the edge length; counts only.
 - Figure 7: silhouettes. The paper finds them by adjacency during traversal; here they are discontinuities of the
   G-buffer. Marked pixels are retraced with 16 sub-pixels.
 - Sec. 6.1: 256 virtual point lights, 256 directions of a sky, and ambient occlusion.
@@ -17,8 +16,8 @@ building. Tracers alternate in each round.
 """
 
 import time
-from collections.abc import Callable, Iterable, Mapping
-from functools import partial
+from collections.abc import Callable, Mapping
+from functools import cache, partial
 from statistics import median
 from typing import Any, NamedTuple
 
@@ -45,10 +44,11 @@ from ....scene.lights import AmbientOcclusion, Light, PointLight, QuadLight, tan
 from ....scene.triangles import Triangles
 from ....trace.counters import as_dict, new_counters
 from ....trace.primary.primary_rays import trace_primary
+from ...bench_parts import BenchParts
 from ..bench_runner import Say, interleave
 from ..benchmark_views import BenchmarkScenes, BenchmarkView, diagonal_of, square
 from . import frusta_published
-from .frusta_costs import FittedCosts, fit, operations_of
+from .frusta_published import FrustaTable
 from .moeller_trumbore import deep_tree, trace_packets
 from .primary_frusta import trace_frusta
 from .published_frusta import BLOCK
@@ -67,16 +67,15 @@ PRIMARY: dict[str, Callable[..., tuple[np.ndarray, np.ndarray]]] = {
 }
 HARD = ("packet16", "multifrusta:by-sample", "multifrusta")
 TABLE2 = tuple(frusta_published.TABLE2)
-FIGURE6 = ("multifrusta:paper", "multifrusta")
-COSTED = ("packet16:paper", "multifrusta:paper", "multifrusta")
+FIGURE6 = ("packet16:paper", "multifrusta:paper", "multifrusta")
 SIZES = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 """Edge lengths of the light in Figure 6, relative to the default."""
 
-COST_SIZES = SIZES[:4]
-"""Edge lengths of the light at which costs are fitted."""
-
 N_LIGHTS = 256
 """Virtual point lights, and directions of the sky, in Sec. 6.1."""
+
+SLOW = 20.0
+"""Seconds of a run above which it is not repeated in further rounds."""
 
 EDGE = 40  # the default edge of the light is 1 / EDGE of the scene's diagonal
 SCENES = BenchmarkScenes(("sponza_crytek", "bart_robots"), ("forest",), ("forest",), square(EDGE))
@@ -200,25 +199,26 @@ def measure_hard(case: Case, rounds: int) -> Rows:
 # --- Sec. 6.1: lists of lights, a sky, and ambient occlusion ----------------------------------------------------------
 
 
-def coherent_lights(case: Case) -> dict[str, Light]:
-    """The lights of Sec. 6.1: interleaved lists, and ambient occlusion with 16 rays per pixel."""
-    axis = np.eye(3)["xyz".index(case.view.scene.up)]
-    a, b, c = to_domain(hammersley(N_LIGHTS), "hemisphere").T[:, :, None]
-    u, v = tangents(axis)
-    return {
-        f"{N_LIGHTS} virtual point lights": virtual_point_lights(case.view.scene, case.light, N_LIGHTS, threads=1),
-        f"{N_LIGHTS} directions of a sky": DirectionalLights(-(a * u + b * v + c * axis), interleave=True),
-        "ambient occlusion": AmbientOcclusion(),
-    }
+LIGHTS = f"{N_LIGHTS} virtual point lights", f"{N_LIGHTS} directions of a sky", "ambient occlusion"
+"""The lights of Sec. 6.1: interleaved lists, and ambient occlusion with 16 rays per pixel."""
 
 
-def measure_lights(case: Case, rounds: int, say: Say) -> dict[str, Rows]:
-    """As `measure`, for each of `coherent_lights`."""
-    rows = {}
-    for name, light in coherent_lights(case).items():
-        say(f"{case.name}, Sec. 6.1, {name}")
-        rows[name] = measure(case, HARD, query_to(case, light), rounds)
-    return rows
+def coherent_light(case: Case, name: str) -> Light:
+    """One of LIGHTS."""
+    points, sky, _ = LIGHTS
+    if name == points:
+        return virtual_point_lights(case.view.scene, case.light, N_LIGHTS, threads=1)
+    if name == sky:
+        axis = np.eye(3)["xyz".index(case.view.scene.up)]
+        a, b, c = to_domain(hammersley(N_LIGHTS), "hemisphere").T[:, :, None]
+        u, v = tangents(axis)
+        return DirectionalLights(-(a * u + b * v + c * axis), interleave=True)
+    return AmbientOcclusion()
+
+
+def measure_light(case: Case, rounds: int, name: str) -> Rows:
+    """As `measure`, for one of LIGHTS."""
+    return measure(case, HARD, query_to(case, coherent_light(case, name)), rounds)
 
 
 # --- Runs -------------------------------------------------------------------------------------------------------------
@@ -236,40 +236,117 @@ def _in_turns(name: str, calls: dict[str, TraceCall], rounds: int) -> Rows:
         results[tracer] = dict(as_dict(counters))
         if rounds:
             call(None)  # compile the kernels without counters
+    first: dict[str, float] = {}
 
-    def seconds(tracer: str, turn: int) -> float:
+    def seconds(tracer: str, turn: int) -> float | None:
+        if first.get(tracer, 0.0) > SLOW:
+            return None
         start = time.thread_time()
         calls[tracer](None)
-        return time.thread_time() - start
+        lap = time.thread_time() - start
+        first.setdefault(tracer, lap)
+        return lap
 
     for tracer, laps in interleave(calls, rounds, seconds).items():
-        results[tracer] |= {"seconds": median(laps)} if laps else {}
+        results[tracer] |= {"seconds": median(laps), "rounds": len(laps)} if laps else {}
     return results
 
 
-def tables(case: Case, rounds: int, say: Say) -> dict[str, Any]:
-    """Measure all tables of a case.
+# --- Parts ------------------------------------------------------------------------------------------------------------
 
-    All values are Rows, except "figure 6" and "costs", which map relative edge lengths of the light to Rows, and
-    "section 6.1", which maps lights to Rows.
-    """
-    say(f"{case.name}, Table 1, primary rays")
-    measured: dict[str, Any] = {"table 1 primary": measure_primary(case, rounds)}
-    measured["hard shadows"] = measure_hard(case, rounds)
-    say(f"{case.name}, Table 1")
-    measured["table 1"] = measure(case, TABLE1, query_of(case), rounds)
-    say(f"{case.name}, Table 2")
-    measured["table 2"] = measure(case, TABLE2, query_of(case), rounds)
-    six, costs = {}, {}
+
+class FrustaEffort(NamedTuple):
+    """What to measure of each scene."""
+
+    cull_faces: str | None
+    primary_size: tuple[int, int]
+    lights_size: tuple[int, int]
+    rounds: int
+    say: Say
+
+
+class SceneRows(NamedTuple):
+    """A part: rows of a table of a scene, or of one light of a table."""
+
+    scene: str
+    triangles: int
+    table: str
+    rows: Any  # Rows; of a light: its name and Rows; of Figures 5 and 7: `SoftShadowQuality`
+
+
+PARTS_OF = {"figure 6": tuple(str(size) for size in SIZES), "section 6.1": LIGHTS}
+"""Table -> its parts, which are its lights."""
+
+
+class MeasuredScene(NamedTuple):
+    """The results of a scene, as far as they were measured."""
+
+    name: str
+    triangles: int
+    tables: dict[str, Any]  # table -> Rows, or those of each light
+    quality: "SoftShadowQuality | None"
+
+
+def add_scene(parts: BenchParts, view: BenchmarkView, effort: FrustaEffort) -> None:
+    """Measure the parts of a scene."""
+    case = cache(partial(case_of, view, effort.cull_faces, effort.primary_size))
+    resized = view._replace(camera=view.camera.resized(*effort.lights_size))
+    case_of_lights = cache(partial(case_of, resized, effort.cull_faces))
+    rounds = effort.rounds
+
+    def add(table: FrustaTable, name: str, measure: Callable[[], Any], light: str = "") -> None:
+        what = f"{view.name}, {light}" if light else view.name
+
+        def measured() -> SceneRows:
+            effort.say(f"{what}, {name}")
+            rows = measure()
+            return SceneRows(view.name, view.scene.n_triangles, name, (light, rows) if light else rows)
+
+        parts.add(table, what, measured, triangles=view.scene.n_triangles)
+
+    add(FrustaTable.primary, "table 1 primary", lambda: measure_primary(case(), rounds))
+    add(FrustaTable.soft, "table 1", lambda: measure(case(), TABLE1, query_of(case()), rounds))
+    add(FrustaTable.hard, "hard shadows", lambda: measure_hard(case(), rounds))
+    add(FrustaTable.shrinking, "table 2", lambda: measure(case(), TABLE2, query_of(case()), rounds))
+    add(FrustaTable.quality, "quality", lambda: measure_quality(case(), effort.say))
     for size in SIZES:
-        say(f"{case.name}, Figure 6, light edge x {size:g}")
-        if size in COST_SIZES:
-            costs[str(size)] = measure(case, COSTED, query_of(case, size), rounds)
-            six[str(size)] = {tracer: costs[str(size)][tracer] for tracer in FIGURE6}
-        else:
-            six[str(size)] = measure(case, FIGURE6, query_of(case, size), 0)
-    measured |= {"figure 6": six, "costs": costs, "section 6.1": measure_lights(case, rounds, say)}
-    return measured
+        add(FrustaTable.sizes, "figure 6", partial(_measure_size, case, size), str(size))
+    for light in LIGHTS:
+        add(FrustaTable.lights, "section 6.1", partial(_measure_light, case_of_lights, rounds, light), light)
+
+
+def _measure_size(case: Callable[[], Case], size: float) -> Rows:
+    return measure(case(), FIGURE6, query_of(case(), size), 0)
+
+
+def _measure_light(case: Callable[[], Case], rounds: int, light: str) -> Rows:
+    return measure_light(case(), rounds, light)
+
+
+TABLE_ORDER = ("table 1 primary", "hard shadows", "table 1", "table 2", "figure 6", "section 6.1")
+
+
+def scenes_of(parts: BenchParts) -> list[MeasuredScene]:
+    """The results of each scene, from its parts."""
+    found: list[SceneRows] = [part for table in FrustaTable for part in parts.values(table)]
+    scenes = []
+    for name in dict.fromkeys(part.scene for part in found):
+        mine = [part for part in found if part.scene == name]
+        tables: dict[str, Any] = {part.table: part.rows for part in mine if part.table not in PARTS_OF}
+        for table, lights in PARTS_OF.items():
+            if rows := dict(part.rows for part in mine if part.table == table):
+                tables[table] = {light: rows[light] for light in lights if light in rows}
+        quality = tables.pop("quality", None)
+        ordered = {table: tables[table] for table in TABLE_ORDER if table in tables}
+        scenes.append(MeasuredScene(name, mine[0].triangles, ordered, quality))
+    return scenes
+
+
+def records_of(scene: MeasuredScene) -> dict[str, Any]:
+    """The results of a scene as JSON objects."""
+    if scene.quality is None:
+        return scene.tables
+    return {**scene.tables, "figure 5": scene.quality.rows, "figure 7": {"edges": scene.quality.edges}}
 
 
 def exponents(sizes: Mapping[str, Rows], tracer: str, counter: str) -> tuple[float, float]:
@@ -281,16 +358,6 @@ def exponents(sizes: Mapping[str, Rows], tracer: str, counter: str) -> tuple[flo
     counts = np.log([max(rows[tracer][counter], 1.0) for rows in sizes.values()])
     slope = float(np.polyfit(edges, counts, 1)[0])
     return slope, slope / 2.0
-
-
-def fitted_costs(cases: Iterable[Mapping[str, Rows]]) -> dict[str, FittedCosts]:
-    """The `FittedCosts` of each tracer of COSTED, over all sizes of the light in all cases; cases: their "costs"."""
-    rows = [sizes for case in cases for sizes in case.values()]
-    by_tracer = {tracer: [row[tracer] for row in rows] for tracer in COSTED}
-    return {
-        tracer: fit([operations_of(row) for row in each], [row["seconds"] for row in each])
-        for tracer, each in by_tracer.items()
-    }
 
 
 # --- Figures 5 and 7: filtered samples, and retraced edges ------------------------------------------------------------

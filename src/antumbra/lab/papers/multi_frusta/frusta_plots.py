@@ -6,10 +6,9 @@ from typing import Any
 
 from ..bench_runner import plot_sheet
 from . import frusta_published
-from .frusta_measurements import FIGURE6, Rows
-from .frusta_tables import MeasuredScene
+from .frusta_measurements import FIGURE6, MeasuredScene, Rows
 
-_STYLES = dict(zip(FIGURE6, ("-", "--")))
+_STYLES = dict(zip(FIGURE6[1:], ("-", "--")))
 _PANELS = (("triangles", "triangles accessed"), ("triangle_tests", "tests of a triangle with 16 rays"))
 _TOP, _ROW = 9.0, 3.7  # heights in inches
 _BARS = {
@@ -20,19 +19,23 @@ _HEADS = {"P": "primary rays (Table 1, P)", "S": "soft shadows (Table 1, S)"}
 
 
 def write_plot(scenes: Sequence[MeasuredScene], path: Path) -> None:
-    """Write a plot: speedups at the top, then Figure 6, and below them a row per scene with Figures 5 and 7."""
+    """Write a plot: speedups at the top, then Figure 6, and below them a row per scene with Figures 5 and 7.
+
+    scenes : with all tables
+    """
     below = _ROW * len(scenes)
     with plot_sheet(path, 14.0, _TOP + below) as sheet:
         (first,), (second,), (third,) = sheet.subfigures(3, 1, squeeze=False, height_ratios=[_TOP / 2, _TOP / 2, below])
         for panel, kind in zip(first.subplots(1, 2, sharey=True), _BARS):
             _draw_speedups(panel, kind, scenes)
         for panel, ((counter, axis), power) in zip(second.subplots(1, 4), [(p, e) for p in _PANELS for e in (1, 2)]):
-            _draw_sizes(panel, {s.case.name: s.tables["figure 6"] for s in scenes}, (counter, axis), power)
+            _draw_sizes(panel, {s.name: s.tables["figure 6"] for s in scenes}, (counter, axis), power)
         panels = third.subplots(len(scenes), 4, squeeze=False)
         for row, scene in zip(panels, scenes):
+            assert scene.quality is not None
             for panel, (title, picture) in zip(row, scene.quality.pictures.items()):
                 panel.imshow(picture, interpolation="nearest")
-                panel.set_title(f"{scene.case.name}: {title}", fontsize=9)
+                panel.set_title(f"{scene.name}: {title}", fontsize=9)
                 panel.set_axis_off()
 
 
@@ -46,7 +49,7 @@ def _draw_speedups(panel: Any, kind: str, scenes: Sequence[MeasuredScene]) -> No
         rows = [scene.tables[table] for scene in scenes]
         bars = panel.bar(at, [r["packet16:paper"]["seconds"] / r[tracer]["seconds"] for r in rows], 0.4, label=tracer)
         panel.bar_label(bars, fmt="%.1f", fontsize=8)
-    names = [*theirs, *(scene.case.name for scene in scenes)]
+    names = [*theirs, *(scene.name for scene in scenes)]
     panel.set_xticks(range(len(names)), names, rotation=20, fontsize=8)
     panel.axhline(1.0, color="black", linewidth=0.8)
     panel.set(title=_HEADS[kind], ylabel="times as fast as packets of 16 rays")

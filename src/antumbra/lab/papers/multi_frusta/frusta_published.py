@@ -3,7 +3,24 @@
 The paper contradicts itself in a few places (see `contradictions`); these are its tables as printed.
 """
 
+from enum import StrEnum
 from typing import NamedTuple
+
+
+class FrustaTable(StrEnum):
+    """The tables that the benchmark measures."""
+
+    primary = "primary"
+    soft = "soft"
+    hard = "hard"
+    shrinking = "shrinking"
+    quality = "quality"
+    sizes = "sizes"
+    lights = "lights"
+
+
+# --- Published results ------------------------------------------------------------------------------------------------
+
 
 COUNTERS = {"triangles": "#tris", "candidates": "+culling", "box_tests": "#AABB", "triangle_tests": "#isec"}
 """Our counters by the names of the paper's columns."""

@@ -1,65 +1,67 @@
 """Prints the tables of ``antumbra bench multi-frusta``, with the paper's figures [Benthin and Wald 2009]."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
-from ..bench_runner import TableColumn, columns_of, item, label, ms, print_notes, print_table
+from ..bench_runner import TableColumn, columns_of, few_rounds, item, label, ms, print_notes, print_table
 from . import frusta_published
-from .frusta_costs import (
-    OPERATIONS,
-    FittedCosts,
-    SpeedupExplanation,
-    explain,
-    operations_of,
-    published_costs,
-    published_counts,
-)
 from .frusta_measurements import (
     BASELINES,
-    COSTED,
     FIGURE6,
     HARD,
     PRIMARY,
     TABLE1,
     TABLE2,
-    Case,
+    MeasuredScene,
     Rows,
     SoftShadowQuality,
     exponents,
 )
 
 
-class MeasuredScene(NamedTuple):
-    """The results of a scene."""
-
-    case: Case
-    tables: dict[str, Any]  # see `frusta_measurements.tables`
-    quality: SoftShadowQuality
-
-
-def print_tables(scenes: Sequence[MeasuredScene], costs: Mapping[str, FittedCosts]) -> None:
-    """Print all tables: those of each scene, then the costs over all scenes."""
+def print_tables(scenes: Sequence[MeasuredScene]) -> None:
+    """Print all tables that were measured: those of each scene, then the operations per 16 rays."""
     for scene in scenes:
         _print_scene(scene)
-    _print_costs(scenes, costs)
+    _print_operations([scene for scene in scenes if "table 1" in scene.tables])
     print("Where the paper contradicts itself")
     print_notes(frusta_published.contradictions())
 
 
 def _print_scene(scene: MeasuredScene) -> None:
-    (case, tables, quality), name = scene, scene.case.name
-    _print_counts(f"Table 1, {name}, primary rays", case, tables["table 1 primary"])
-    _print_reduction(tables["table 1 primary"], "packet16:paper", tuple(PRIMARY)[1:], "P")
-    _print_counts(f"Hard shadows, {name}, rays to a point light", case, tables["hard shadows"])
-    _print_counts(f"Table 1, {name}, shadow rays", case, tables["table 1"])
+    printers: dict[str, Callable[[MeasuredScene, Any], None]] = {
+        "table 1 primary": _print_primary,
+        "hard shadows": _print_hard,
+        "table 1": _print_soft,
+        "table 2": _print_table2,
+        "figure 6": _print_figure6,
+        "section 6.1": _print_lights,
+    }
+    for table, rows in scene.tables.items():
+        printers[table](scene, rows)
+    if scene.quality is not None:
+        _print_quality(scene.name, scene.quality)
+
+
+def _print_primary(scene: MeasuredScene, rows: Rows) -> None:
+    _print_counts(f"Table 1, {scene.name}, primary rays", scene, rows)
+    _print_reduction(rows, "packet16:paper", tuple(PRIMARY)[1:], "P")
+
+
+def _print_hard(scene: MeasuredScene, rows: Rows) -> None:
+    _print_counts(f"Hard shadows, {scene.name}, rays to a point light", scene, rows)
+
+
+def _print_soft(scene: MeasuredScene, rows: Rows) -> None:
+    _print_counts(f"Table 1, {scene.name}, shadow rays", scene, rows)
     for base in BASELINES:
-        _print_reduction(tables["table 1"], base, TABLE1[len(BASELINES) :], "S")
-    _print_packet256(tables["table 1"])
-    _print_table2(case, tables["table 2"])
+        _print_reduction(rows, base, TABLE1[len(BASELINES) :], "S")
+    _print_packet256(rows)
+
+
+def _print_quality(name: str, quality: SoftShadowQuality) -> None:
     title = f"Figure 5, {name}: visibility error x 1000 against 256 samples per pixel (the paper: pictures)"
     print_table(title, _FIGURE5, quality.rows.items())
-    _print_figure6(case, tables["figure 6"])
-    _print_lights(case, tables["section 6.1"])
     ours, theirs = f"{100 * quality.edges:.1f} %", f"{100 * frusta_published.EDGES:.1f} % in Saloon"
     print(f"Figure 7, {name}: {ours} of the pixels are at edges (the paper: {theirs})\n")
 
@@ -79,20 +81,22 @@ def _published_time(row: frusta_published.PublishedRow) -> str:
     return f"{row.cycles / 1e3:.4f}"  # cycles of 1 GHz
 
 
-def _print_counts(title: str, case: Case, rows: Rows) -> None:
+def _print_counts(title: str, scene: MeasuredScene, rows: Rows) -> None:
     """Print the counts and times of tracers, and for Table 1 the paper's rows of all scenes."""
     rays = next(iter(rows.values()))["rays"]
     columns = [
         label("tracer", item(0), lambda row: f"{row.scene}, {row.name}"),
         *columns_of(frusta_published.COUNTERS, lambda row, counter: _thousands(row[1], counter), _published_thousands),
-        TableColumn("seconds", item(1, lambda row: f"{row['seconds']:.4f}"), _published_time),
+        TableColumn(
+            "seconds", item(1, lambda row: few_rounds(f"{row['seconds']:.4f}", row["rounds"])), _published_time
+        ),
     ]
     kind = "P" if "shaded" in next(iter(rows.values())) else "S"
     if kind == "P":
         shaded = lambda row: f"{row.with_shading / 1e3:.4f}"
         columns.append(TableColumn("with shading", item(1, lambda row: f"{row['shaded']:.4f}"), shaded))
     columns.append(TableColumn("M rays/s", item(1, lambda row: f"{rays / row['seconds'] / 1e6:.2f}")))
-    size = f"{len(case.triangles.vertices):,} triangles, {rays / 1e6:.2f} M rays"
+    size = f"{scene.triangles:,} triangles, {rays / 1e6:.2f} M rays"
     published = [row for row in frusta_published.TABLE1 if row.rays == kind] if "Table 1" in title else []
     print_table(f"{title}: {size}", columns, rows.items(), published)
 
@@ -116,7 +120,7 @@ def _published_ratio(pair: frusta_published.Pair, name: str) -> str:
 _FIGURE5 = (
     label("frame", item(0)),
     TableColumn("M rays", item(1, lambda row: f"{row['rays'] / 1e6:.2f}")),
-    TableColumn("seconds", item(1, lambda row: f"{row['seconds']:.3f}")),
+    TableColumn("seconds, elapsed, once", item(1, lambda row: f"{row['seconds']:.3f}")),
     TableColumn("rms", item(1, lambda row: f"{1e3 * row['rms']:.1f}")),
     TableColumn("mean", item(1, lambda row: f"{1e3 * row['mean']:.1f}")),
 )
@@ -134,7 +138,7 @@ def _print_packet256(rows: Rows) -> None:
     print_notes([("nodes", change), ("speedup", speed), ("speedup over packet16:paper", over_packets)])
 
 
-def _print_table2(case: Case, rows: Rows) -> None:
+def _print_table2(scene: MeasuredScene, rows: Rows) -> None:
     none = rows[TABLE2[0]]
     columns = (
         label("tracer", item(0)),
@@ -143,7 +147,7 @@ def _print_table2(case: Case, rows: Rows) -> None:
         TableColumn("shrinks", item(1, lambda row: f"{row['shrinks'] / 1e3:,.0f}K")),
         TableColumn("speedup", item(1, lambda row: f"{none['seconds'] / row['seconds']:.2f}")),
     )
-    print_table(f"Table 2, {case.name}: change in %, with the paper's for T-Rex", columns, rows.items())
+    print_table(f"Table 2, {scene.name}: change in %, with the paper's for T-Rex", columns, rows.items())
 
 
 def _per_counter(cell: Callable[[dict[str, float], str], str]) -> list[TableColumn]:
@@ -151,10 +155,10 @@ def _per_counter(cell: Callable[[dict[str, float], str], str]) -> list[TableColu
     return columns_of(frusta_published.COUNTERS, lambda row, counter: cell(row[1], counter))
 
 
-def _print_figure6(case: Case, sizes: dict[str, Rows]) -> None:
+def _print_figure6(scene: MeasuredScene, sizes: dict[str, Rows]) -> None:
     thousands = lambda row: f"{row['triangles'] / 1e3:,.0f} {row['triangle_tests'] / 1e3:,.0f}"
     columns = columns_of({size: size for size in sizes}, lambda tracer, size: thousands(sizes[size][tracer]))
-    title = f"Figure 6, {case.name}: #tris and #isec in thousands, by edge length of the light (area: its square)"
+    title = f"Figure 6, {scene.name}: #tris and #isec in thousands, by edge length of the light (area: its square)"
     print_table(title, [label("tracer", str), *columns], FIGURE6)
     for tracer in FIGURE6:
         powers = {frusta_published.COUNTERS[c]: exponents(sizes, tracer, c) for c in ("triangles", "triangle_tests")}
@@ -165,7 +169,7 @@ def _print_figure6(case: Case, sizes: dict[str, Rows]) -> None:
 # --- Sec. 6.1 ---------------------------------------------------------------------------------------------------------
 
 
-def _print_lights(case: Case, lights: dict[str, Rows]) -> None:
+def _print_lights(scene: MeasuredScene, lights: dict[str, Rows]) -> None:
     """Print times of the lights of Sec. 6.1, and how much faster than `packet16` the tracers are."""
     rows = [
         (light, tracer, row, light_rows[HARD[0]])
@@ -176,68 +180,43 @@ def _print_lights(case: Case, lights: dict[str, Rows]) -> None:
         label("light", item(0)),
         label("tracer", item(1)),
         *columns_of(frusta_published.COUNTERS, lambda row, counter: _thousands(row[2], counter)),
-        TableColumn("ms", item(2, lambda row: ms(row["seconds"]))),
+        TableColumn("ms", item(2, lambda row: few_rounds(ms(row["seconds"]), row["rounds"]))),
         TableColumn("speedup", lambda row: f"{row[3]['seconds'] / row[2]['seconds']:.2f}"),
     ]
-    print_table(f"Section 6.1, {case.name}: speedup over {HARD[0]} (the paper: no figures)", columns, rows)
+    print_table(f"Section 6.1, {scene.name}: speedup over {HARD[0]} (the paper: no figures)", columns, rows)
 
 
-# --- Costs ------------------------------------------------------------------------------------------------------------
+# --- Operations per 16 rays -------------------------------------------------------------------------------------------
 
 
-def _print_costs(scenes: Sequence[MeasuredScene], costs: Mapping[str, FittedCosts]) -> None:
-    """Print costs per operation, counts per 16 rays, and what explains the speedups of the paper's tracer."""
-    theirs = {"the paper, packets": published_costs(False), "the paper, frusta": published_costs(True)}
-    worst = lambda row: f"{100 * max(map(abs, row[1].errors)):.0f}"
-    columns = [
-        label("tracer", item(0), item(0)),
-        *columns_of(OPERATIONS, lambda row, name: f"{1e9 * row[1].costs[name]:.1f}", _cycles),
-        TableColumn("largest error, %", worst, worst),
-    ]
-    title = "Costs per operation in ns, fitted to all scenes and sizes of the light (the paper: cycles at 1 GHz)"
-    print_table(title, columns, costs.items(), theirs.items())
-    packets, frusta = COSTED[:2]
-    columns = [label("scene", item(0)), label("tracer", item(1)), *_per_16_rays()]
-    title = "Operations per 16 rays (the paper: with primary rays)"
-    print_table(title, columns, [(s.case.name, t, _counts(s, t)) for s in scenes for t in COSTED] + _published_rows())
+_OPERATIONS = {"nodes": "node", "triangles": "triangle", "candidates": "triangle left", "triangle_tests": "16-ray test"}
+"""Counter -> its name in tables."""
+
+
+def _print_operations(scenes: Sequence[MeasuredScene]) -> None:
+    """Print counts per 16 rays, which do not depend on the size of the picture, beside the paper's."""
     rows = [
-        (s.case.name, explain(_counts(s, packets), _counts(s, frusta), (costs[packets], costs[frusta]), _speedup(s)))
-        for s in scenes
+        (scene.name, tracer, scene.tables["table 1"][tracer])
+        for scene in scenes
+        for tracer in ("packet16:paper", *_OURS)
     ]
-    heads = {"measured": "measured", "predicted": "from fitted costs", "their_costs": "our counts at the paper's costs"}
-    heads["their_counts"] = "the paper's counts at our costs"
-    cell: Callable[[tuple[str, SpeedupExplanation], str], str] = lambda row, name: f"{getattr(row[1], name):.2f}"
-    title = f"What explains the speedup of {frusta} over {packets} (the paper: {_published_speedups()})"
-    print_table(title, [label("scene", item(0)), *columns_of(heads, cell)], rows)
-
-
-def _cycles(row: tuple[str, FittedCosts], name: str) -> str:
-    return f"{row[1].costs[name]:.1f}" if name in row[1].costs else ""
-
-
-def _counts(scene: MeasuredScene, tracer: str) -> dict[str, float]:
-    return operations_of(scene.tables["costs"]["1.0"][tracer])
-
-
-def _speedup(scene: MeasuredScene) -> float:
-    packets, frusta = (scene.tables["costs"]["1.0"][tracer]["seconds"] for tracer in COSTED[:2])
-    return float(packets / frusta)
-
-
-def _per_16_rays() -> list[TableColumn]:
-    names = {name: text for name, text in OPERATIONS.items() if name != "packets"}
-    per = lambda row, name: f"{row[2][name] / row[2]['packets']:.2f}" if name in row[2] else ""
-    return columns_of(names, per)
-
-
-def _published_rows() -> list[tuple[str, str, dict[str, float]]]:
-    return [
-        (row.scene, f"the paper, {row.name}", published_counts(row))
+    per = lambda row, name: f"{16 * row[2][name] / (row[2]['rays'] - row[2]['below_horizon']):.2f}"
+    columns = [label("scene", item(0)), label("tracer", item(1)), *columns_of(_OPERATIONS, per)]
+    theirs = [
+        (row.scene, f"the paper, {row.name}", _published_operations(row))
         for row in frusta_published.TABLE1
         if row.rays == "S"
     ]
+    if rows:
+        print_table("Operations per 16 rays (the paper: with primary rays)", columns, [*rows, *theirs])
 
 
-def _published_speedups() -> str:
-    factors = [packets.cycles / frusta.cycles for packets, frusta in frusta_published.pairs("S")]
-    return f"{min(factors):.1f} to {max(factors):.1f}"
+_OURS = ("multifrusta:paper", "multifrusta")
+
+
+def _published_operations(row: frusta_published.PublishedRow) -> dict[str, float]:
+    """The counts of an S row of Table 1, for its primary and shadow rays."""
+    counts = {"nodes": row.box_tests / 2, "triangles": row.triangles, "candidates": row.candidates}
+    rays = frusta_published.PIXELS * (1 + frusta_published.SPP)
+    thousands = {**counts, "triangle_tests": row.triangle_tests}
+    return {**{name: 1e3 * count for name, count in thousands.items()}, "rays": rays, "below_horizon": 0}

@@ -4,7 +4,7 @@ The chart shows the paper's results and ours side by side, above Figure 7: time 
 with a row per tracer. Pictures show the marked cells (Fig. 2d), and the views with 15 samples (Fig. 3 to 6).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +19,13 @@ from .cell_marking import LINES, source_cells
 from .culling_measurements import (
     OURS,
     PUBLISHED,
+    CullingRows,
     TimeToImage,
     break_even,
     queries_of,
     seconds_a_sample,
 )
 from .culling_published import REMAINING, TIME_TO_IMAGE, published_total
-from .culling_tables import CullingRows
 from .culling_views import CullingView
 from .light_cells import light_cells
 
@@ -137,11 +137,24 @@ def _draw_curves(panel: Any, methods: dict[str, TimeToImage]) -> None:
 # --- Pictures ---------------------------------------------------------------------------------------------------------
 
 
-def write_pictures(views: Sequence[CullingView], frames: Sequence[Frame], folder: Path, threads: int) -> None:
-    """Write the frames of Figures 3 to 6, and Figure 2d for the same views."""
-    for view, frame in zip(views, frames):
-        frame.save(folder / f"pre-bvh-culling-{view.figure.lower().replace(' ', '')}.png")
-    with plot_sheet(folder / "pre-bvh-culling-cells.png", 4.0 * len(views), 6.4) as sheet:
+def picture_writer(folder: Path | None) -> Callable[[CullingView, Frame], None]:
+    """A function that writes the frame of one of Figures 3 to 6 to a folder; None: nowhere."""
+
+    def write(view: CullingView, frame: Frame) -> None:
+        if folder is not None:
+            frame.save(folder / f"pre-bvh-culling-{view.figure.lower().replace(' ', '')}.png")
+
+    return write
+
+
+def cells_file(folder: Path) -> Path:
+    """The file of Figure 2d."""
+    return folder / "pre-bvh-culling-cells.png"
+
+
+def write_cells(path: Path, views: Sequence[CullingView], threads: int) -> None:
+    """Write Figure 2d for the views of Figures 3 to 6."""
+    with plot_sheet(path, 4.0 * len(views), 6.4) as sheet:
         panels = sheet.subplots(2, len(views), squeeze=False)
         for column, view in zip(panels.T, views):
             _draw_cells(column, view, threads)

@@ -4,14 +4,15 @@ As in the paper, time to image covers culling, building and tracing, but not the
 the same tracer and alternate within each round; the median of the rounds counts.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from statistics import median
-from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ....base.errors import InputError
+from ....base.progress import clock_seconds
 from ....engine.accelerator import Accelerator
 from ....picture.frame import Frame
 from ....picture.renderer import Renderer
@@ -19,10 +20,13 @@ from ....query.light_samples import light_samples
 from ....query.shadow_query import ShadowQuery, shadow_queries
 from ....scene.triangles import Triangles
 from ....techniques.culling.pre_bvh_culling import HULLS, STEPS, CullResult, MarkingMethod, cull
+from ...bench_conditions import record_laps
+from ...bench_parts import BenchParts
 from ..bench_runner import Say, interleave, medians, round_text
 from ..benchmark_views import digest
 from .cell_marking import LINES
 from .convex_region import CONVEX
+from .culling_published import CullingTable
 from .culling_views import CullingView
 
 METHODS = {
@@ -145,16 +149,16 @@ def _time_to_image(
 
 
 class _Pictures:
-    """Pictures of a view by one plan."""
+    """Pictures of a view by one plan. Each has a renderer of its own, which keeps no tree of an earlier picture."""
 
     def __init__(self, view: CullingView, plan: str, effort: CullingEffort):
-        self._view, self._limit = view, effort.limit
-        self._renderer = Renderer(view.scene, plan, effort.threads)
+        self._view, self._plan, self._effort = view, plan, effort
 
     def render(self, spp: int) -> Frame:
         """A picture; InputError if the camera sees nothing."""
         view = self._view
-        frame = self._renderer.render(view.camera, view.lights, spp=spp, time=view.time)
+        renderer = Renderer(view.scene, self._plan, self._effort.threads)
+        frame = renderer.render(view.camera, view.lights, spp=spp, time=view.time)
         if not frame.rays:
             raise InputError(f"{view.figure}: the camera sees nothing; give Crytek's Sponza, in centimetres")
         return frame
@@ -164,7 +168,7 @@ class _Pictures:
         samples = [SAMPLES[0]]
         self.render(samples[0])  # warms up
         for spp in SAMPLES[1:]:
-            if self.render(samples[-1]).timings["trace"] * spp / samples[-1] > self._limit:
+            if self.render(samples[-1]).timings["trace"] * spp / samples[-1] > self._effort.limit:
                 break
             samples.append(spp)
         return samples
@@ -237,6 +241,8 @@ def grid_rows(
         for n in sizes:
             effort.say(f"{view.figure}, {view.time:.2f} s, grid of {n}, {marked}")
             laps = [_culled(triangles, queries, threads, n, MARKINGS[marked]) for _ in range(rounds)]
+            if rounds > 1:
+                record_laps([steps for _, steps in laps])
             culled = laps[0][0]
             times = _all_traced(accelerators, triangles, culled, queries, rounds)
             remaining = len(culled.kept) / len(triangles.vertices)
@@ -249,24 +255,25 @@ def published_grids(finest: int) -> dict[str, tuple[int, ...]]:
     return {**VIDEO, PUBLISHED: tuple(n for n in (*VIDEO[PUBLISHED], *FINEST) if n <= finest)}
 
 
-def video_rows(
-    views: Sequence[CullingView], tracers: Sequence[str], finest: int, effort: CullingEffort
-) -> list[GridRow]:
+def add_video(
+    parts: BenchParts, views: Sequence[CullingView], tracers: Sequence[str], finest: int, effort: CullingEffort
+) -> None:
     """Measure Table 4: each frame once, as the table has means over all frames."""
-    grids = [published_grids(finest), *[VIDEO] * (len(views) - 1)]
     once = effort._replace(rounds=1)
-    return [row for view, each in zip(views, grids) for row in grid_rows(view, each, tracers, once)]
+    for k, view in enumerate(views):
+        grids = VIDEO if k else published_grids(finest)
+        parts.add(CullingTable.video, f"frame at {view.time:.3f} s", partial(grid_rows, view, grids, tracers, once))
 
 
 def _culled(
     triangles: Triangles, queries: Sequence[ShadowQuery], threads: int, n: int, method: MarkingMethod
 ) -> tuple[CullResult, dict[str, float]]:
     """The result of culling, and the seconds of each step."""
-    last, seconds = perf_counter(), dict.fromkeys(STEPS, 0.0)
+    last, seconds = clock_seconds(), dict.fromkeys(STEPS, 0.0)
 
     def lap(step: str) -> None:
         nonlocal last
-        now = perf_counter()
+        now = clock_seconds()
         seconds[step] += now - last
         last = now
 
@@ -288,12 +295,12 @@ def _traced(
     accelerator: Accelerator, triangles: Triangles, culled: Any, queries: Sequence[ShadowQuery]
 ) -> tuple[float, float]:
     """(seconds to build a BVH of the remaining triangles, seconds to trace the queries)."""
-    start = perf_counter()
+    start = clock_seconds()
     ready = accelerator.execute(accelerator.choice, triangles, culled)
-    built = perf_counter()
+    built = clock_seconds()
     for query in queries:
         accelerator.answer(ready, query)
-    return built - start, perf_counter() - built
+    return built - start, clock_seconds() - built
 
 
 def seconds_a_sample(t: TimeToImage) -> float:
@@ -354,3 +361,58 @@ def random_shares(views: Sequence[CullingView], effort: CullingEffort) -> list[R
         for marked, share in remaining_shares(view, effort.threads).items():
             by_figure.setdefault((view.figure, marked), []).append(share)
     return [RandomShares(*key, shares) for key, shares in by_figure.items()]
+
+
+# --- All measurements -------------------------------------------------------------------------------------------------
+
+
+class CullingRows(NamedTuple):
+    """All rows of the benchmark."""
+
+    times: list[TimeToImage]
+    figures: list[FigureTime]
+    grids: list[GridRow]
+    shares: list[RandomShares]
+    video: list[GridRow]
+
+
+ROWS = TimeToImage, FigureTime, GridRow, RandomShares
+"""The rows in parts."""
+
+
+def add_views(
+    parts: BenchParts,
+    views: Sequence[CullingView],
+    tracers: Sequence[str],
+    effort: CullingEffort,
+    show: Callable[[CullingView, Frame], None],
+) -> None:
+    """Measure Tables 1 to 3 and Figures 3 to 6; `show` is called with the pictures of the figures."""
+    for view in views:
+        size = {"triangles": view.scene.n_triangles}
+        parts.add(CullingTable.steps, view.figure, partial(grid_rows, view, USUAL, (), effort), **size)
+        for name in tracers:
+            parts.add(CullingTable.times, f"{view.figure}, {name}", partial(times_to_image, view, name, effort), **size)
+        parts.add(CullingTable.figures, view.figure, partial(_shown_times, view, tracers[-1], effort, show), **size)
+
+
+def add_random(parts: BenchParts, views: Sequence[CullingView], effort: CullingEffort) -> None:
+    """Measure `random_views`."""
+    for name in dict.fromkeys(view.figure for view in views):
+        mine = [view for view in views if view.figure == name]
+        size = {"triangles": mine[0].scene.n_triangles}
+        parts.add(CullingTable.random, name, partial(random_shares, mine, effort), **size)
+
+
+def _shown_times(
+    view: CullingView, tracer: str, effort: CullingEffort, show: Callable[[CullingView, Frame], None]
+) -> list[FigureTime]:
+    times, frame = figure_times(view, tracer, effort)
+    show(view, frame)
+    return times
+
+
+def rows_of(parts: BenchParts) -> CullingRows:
+    """The rows of all parts."""
+    tables = CullingTable.times, CullingTable.figures, CullingTable.steps, CullingTable.random, CullingTable.video
+    return CullingRows(*(parts.rows(table) for table in tables))

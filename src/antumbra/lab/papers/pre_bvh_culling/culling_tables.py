@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from math import inf
-from typing import NamedTuple
 
 from ....techniques.culling.pre_bvh_culling import STEPS
 from ..bench_runner import TableColumn, beside, columns_of, label, ms, percent, print_notes, print_table
@@ -14,6 +13,7 @@ from .culling_measurements import (
     PUBLISHED,
     REGION,
     SAMPLES,
+    CullingRows,
     FigureTime,
     GridRow,
     RandomShares,
@@ -41,23 +41,18 @@ _STEPS = {
 """Culling step -> its name in Tables 1 and 2."""
 
 
-class CullingRows(NamedTuple):
-    """All rows of the benchmark."""
-
-    times: list[TimeToImage]
-    figures: list[FigureTime]
-    grids: list[GridRow]
-    shares: list[RandomShares]
-    video: list[GridRow]
-
-
 def print_tables(rows: CullingRows, tracers: Sequence[str]) -> None:
-    """Print all tables."""
-    _print_remaining(rows)
-    _print_details(rows.times, rows.grids)
-    _print_times(rows.times)
-    _print_figures(rows.figures)
-    _print_grids(mean_rows(rows.video), tracers)
+    """Print all tables that were measured."""
+    if rows.shares or rows.grids:
+        _print_remaining(rows)
+    if rows.times and rows.grids:
+        _print_details(rows.times, rows.grids)
+    if rows.times:
+        _print_times(rows.times)
+    if rows.figures:
+        _print_figures(rows.figures)
+    if rows.video:
+        _print_grids(mean_rows(rows.video), tracers)
     print("Where the paper contradicts itself")
     print_notes(CONTRADICTIONS)
 
@@ -93,7 +88,8 @@ def _quartiles(row: RandomShares) -> str:
 
 def _print_details(times: list[TimeToImage], grids: list[GridRow]) -> None:
     """Print all steps for each view and tracer."""
-    views = list(dict.fromkeys((t.figure, t.tracer) for t in times))
+    marked = {row.figure for row in grids}
+    views = list(dict.fromkeys((t.figure, t.tracer) for t in times if t.figure in marked))
     parts = {view: _details(*view, times, grids) for view in views}
     columns = columns_of({view: ", ".join(view) for view in views}, lambda name, view: parts[view][name])
     title = "All steps with one sample (Tables 1 and 2; in brackets the paper's results on a GPU)"

@@ -7,6 +7,7 @@ it would take too long; predictions decide nothing else, and no table or claim c
 """
 
 from collections.abc import Iterable, Sequence
+from functools import partial
 from statistics import fmean, geometric_mean, median, pstdev
 from typing import NamedTuple
 
@@ -15,11 +16,12 @@ import numpy as np
 from ....base.errors import InputError
 from ....picture.frame import Frame
 from ....picture.renderer import Renderer
+from ...bench_parts import BenchParts
 from ..bench_runner import Say, interleave
 from ..benchmark_views import digest
 from . import ray_hierarchy_published
 from .cone_hierarchy import with_culling
-from .ray_hierarchy_published import VARIANTS
+from .ray_hierarchy_published import VARIANTS, RayHierarchyTable
 from .ray_hierarchy_views import MUSEUM, WALL_PICTURE, PictureCase
 
 # --- Pictures ---------------------------------------------------------------------------------------------------------
@@ -66,6 +68,7 @@ class Cost(NamedTuple):
     tests: int | None = None  # ray tests of up to 16 rays
     seconds: float | None = None  # time of the phase `trace`
     bits: bytes | None = None  # digest of the answer
+    rounds: int | None = None  # how often it was measured
 
 
 class Effort(NamedTuple):
@@ -108,7 +111,9 @@ def measure(picture: PictureCase, effort: Effort, say: Say) -> tuple[PictureRays
 
     laps = interleave(renderers, effort.rounds, seconds)
     costs = [
-        first[name]._replace(seconds=median(laps[name])) if name in first else Cost(picture.name, name)
+        first[name]._replace(seconds=median(laps[name]), rounds=len(laps[name]))
+        if name in first
+        else Cost(picture.name, name)
         for name in plans
     ]
     return _picture_rays(picture, frame), costs
@@ -158,12 +163,30 @@ class Measured(NamedTuple):
 
 def measure_all(pictures: Sequence[PictureCase], effort: Effort, say: Say) -> Measured:
     """`measure` several pictures."""
-    measured = Measured([], [])
-    for picture in pictures:
-        rays, costs = measure(picture, effort, say)
-        measured.pictures.append(rays)
-        measured.costs.extend(costs)
-    return measured
+    return joined([Measured([rays], costs) for rays, costs in (measure(each, effort, say) for each in pictures)])
+
+
+def joined(several: Iterable[Measured]) -> Measured:
+    """The pictures of several measurements, frames of films in their order."""
+    each = list(several)
+    pictures = sorted((s for one in each for s in one.pictures), key=lambda s: s.frame or 0)
+    return Measured(pictures, [c for one in each for c in one.costs])
+
+
+# --- Parts ------------------------------------------------------------------------------------------------------------
+
+
+ROWS = Measured, PictureRays, Cost
+"""The rows in parts."""
+
+
+def add_pictures(
+    parts: BenchParts, table: RayHierarchyTable, pictures: Sequence[PictureCase], effort: Effort, say: Say
+) -> None:
+    """Measure pictures, or frames of a film, one in each part, so that a film can get further frames."""
+    for each in pictures:
+        measured = partial(measure_all, [each], effort, say)
+        parts.add(table, each.name, measured, triangles=each.scene.n_triangles, time=each.time)
 
 
 # --- Comparisons ------------------------------------------------------------------------------------------------------
@@ -227,7 +250,7 @@ def _ratio(one: Cost, other: Cost, field: str) -> float:
 
 
 def spreads(film: Measured) -> list[Spread]:
-    """The spread of each variant in each animation with at least two frames; `film`: small frames, all run."""
+    """The spread of each variant in each animation with at least two frames; `film`: its frames, all run."""
     rows = []
     for name in dict.fromkeys(s.of for s in film.pictures):
         frames = [s.picture for s in film.pictures if s.of == name]

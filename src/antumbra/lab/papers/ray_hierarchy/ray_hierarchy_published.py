@@ -4,6 +4,18 @@ It measured at 1024 x 1024 pixels on an NVIDIA GTX 580.
 """
 
 from collections.abc import Mapping
+from enum import StrEnum
+
+
+class RayHierarchyTable(StrEnum):
+    """The tables that the benchmark measures."""
+
+    pictures = "pictures"
+    film = "film"
+
+
+# --- Published results ------------------------------------------------------------------------------------------------
+
 
 VARIANTS = ("Spheres", "SpheresSorted", "Precise", "PreciseSorted", "PreciseSEA", "PreciseEATP", "PreciseSEATP")
 """Table 1: sphere tests or precise tests; rays in image order or sorted (S); early accept (EA); two passes (TP)."""

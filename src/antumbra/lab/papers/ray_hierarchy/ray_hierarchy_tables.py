@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from ..bench_runner import TableColumn, beside, columns_of, label, ms, print_notes, print_table
+from ..bench_runner import TableColumn, beside, columns_of, few_rounds, label, ms, print_notes, print_table
 from . import ray_hierarchy_published
 from .ray_hierarchy_measurements import (
     BEST,
@@ -22,17 +22,25 @@ NOT_RUN = "not run"
 
 
 def print_tables(
-    measured: Measured, film: Measured, claims: list[Claim], relative: list[RelativeCost], spreads: list[Spread]
+    measured: Measured,
+    film: Measured,
+    claims: list[Claim],
+    relative: list[RelativeCost],
+    spreads: list[Spread],
+    filmed: bool,
 ) -> None:
-    """Print all tables.
+    """Print all tables that were measured.
 
-    film : small frames of animations
+    film : frames of animations
+    filmed : whether the film was to be measured
     relative : the variants of Figure 7, in `film`, or in `measured` if there is no animation
     """
     _print_claims(claims)
-    _print_pictures(measured)
-    _print_museum(measured)
-    _print_film(film, spreads)
+    if measured.pictures:
+        _print_pictures(measured)
+        _print_museum(measured)
+    if filmed or film.pictures:
+        _print_film(film, spreads)
     _print_figure7(relative)
     _print_notes(measured, film, spreads)
 
@@ -41,8 +49,8 @@ def _millions(count: float | None) -> str:
     return NOT_RUN if count is None else f"{count / 1e6:,.3f}"
 
 
-def _milliseconds(seconds: float | None) -> str:
-    return ms(seconds) or NOT_RUN
+def _milliseconds(cost: Cost) -> str:
+    return few_rounds(ms(cost.seconds), cost.rounds) or NOT_RUN
 
 
 def _print_claims(claims: list[Claim]) -> None:
@@ -74,7 +82,7 @@ def _print_pictures(measured: Measured) -> None:
     print_variants("Nodes tested, millions (Figures 6 and 7)", lambda c: _millions(c.nodes))
     print_variants("Nodes passed, millions (Figures 6 and 7)", lambda c: _millions(c.passed))
     print_variants("Ray tests of up to 16 rays, millions", lambda c: _millions(c.tests))
-    print_variants("Shadows, ms (Figures 6 and 7)", lambda c: _milliseconds(c.seconds))
+    print_variants("Shadows, ms (Figures 6 and 7)", _milliseconds)
     if any(c.nodes is None for c in measured.costs):
         print(f"{NOT_RUN}: predicted to take longer than --limit\n")
 
@@ -96,7 +104,7 @@ def _print_museum(measured: Measured) -> None:
         return beside(counts, ray_hierarchy_published.NODES[cost.variant][k] / 1e6, 2)
 
     def times(cost: Cost, k: int) -> str:
-        return beside(_milliseconds(cost.seconds), ray_hierarchy_published.MILLISECONDS[cost.variant][k])
+        return beside(_milliseconds(cost), ray_hierarchy_published.MILLISECONDS[cost.variant][k])
 
     print_places("Nodes tested and passed, millions", nodes)
     print_places("Shadows, ms", times)
@@ -153,7 +161,7 @@ def _print_notes(measured: Measured, film: Measured, spreads: list[Spread]) -> N
     for one, other, theirs in _ORDERS:
         counts = [never_more(part, one, other) for part in (measured, film)]
         large, small = (f"{n} of {total}" for n, total in counts)
-        frames = f", and {small} small frames" if counts[1][1] else ""
+        frames = f", and {small} frames of animations" if counts[1][1] else ""
         rows.append((f"{one} tests no more nodes than {other}", f"in {large} pictures{frames} (report: {theirs})"))
     for title, among in (
         ("of Figure 6", ray_hierarchy_published.MEASURED),

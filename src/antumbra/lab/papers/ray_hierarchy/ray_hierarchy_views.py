@@ -4,7 +4,7 @@ BART's scenes have BART's own cameras. The robots come from `animated.glb` in th
 light. The museum consists of vertex frames, and its camera is in `camera.json` beside them. Without these files, the
 scenes have the static camera of their info.json.
 
-Static scenes give one picture each. Animations also give small frames, evenly spaced, for Figures 6 and 7.
+Static scenes give one picture each. Animations also give frames, evenly spaced, for Figures 6 and 7.
 """
 
 import json

@@ -11,16 +11,16 @@ for both, with the order and with its opposite. An order that suits its lines sa
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from statistics import median
-from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ....base.errors import InputError
+from ....base.progress import clock_seconds
 from ....bvh import binned_sah
 from ....bvh.child_order import order_children
 from ....bvh.nodes import LEFT_FIRST, Bvh, aligned_empty
@@ -45,9 +45,11 @@ from ....techniques.srdh.representative_rays import (
 from ....trace.rays.ray_hits import Intersections, bounce_surfaces
 from ....trace.rays.ray_traversal import BUILT, RANDOM, SRDH, Ordered
 from ....trace.rays.single_rays import UNOCCLUDED, count_steps
+from ...bench_parts import BenchParts
 from ..bench_runner import Say, interleave, medians, round_text
 from ..benchmark_views import BenchmarkView, digest
 from ..published_methods import BUILDERS, ORDERS
+from .srdh_published import SrdhTable
 from .srdh_trees import TreeMemory, TreeShape, frequent_occluders, tree_memory, tree_shape
 
 # --- Box tests (Figures 2, 4 and 5) -----------------------------------------------------------------------------------
@@ -388,9 +390,9 @@ def _build_once(work: Workload, alone: Workload, pixels: int) -> tuple[dict[str,
     vertices, threads, seconds = work.triangles.vertices, work.threads, {}
 
     def timed(part: str, build: Callable[[], Any]) -> Any:
-        start = perf_counter()
+        start = clock_seconds()
         result = build()
-        seconds[part] = perf_counter() - start
+        seconds[part] = clock_seconds() - start
         return result
 
     timed("sah_single", lambda: binned_sah.build(vertices, 1, 1))
@@ -405,12 +407,12 @@ def _build_once(work: Workload, alone: Workload, pixels: int) -> tuple[dict[str,
 def render_times(view: BenchmarkView, threads: int | None, rounds: int, say: Say) -> list[RenderTimes]:
     """Measure each of BUILDS with each of TRACERS, with a `Renderer`'s default representative rays."""
     plans = [(build, tracer) for tracer in TRACERS for build in BUILDS]
-    renderers = {plan: Renderer(view.scene, "+".join(plan), threads) for plan in plans}
     answers: dict[tuple[str, str], tuple[int, bytes]] = {}
 
     def render(plan: tuple[str, str], turn: int) -> tuple[float, float]:
-        say(f"{view.name}, {renderers[plan].plan}, {round_text(turn, rounds)}")
-        frame = renderers[plan].render(view.camera, view.lights, spp=SPP if turn >= 0 else 1)
+        say(f"{view.name}, {'+'.join(plan)}, {round_text(turn, rounds)}")
+        renderer = Renderer(view.scene, "+".join(plan), threads)  # a new one, which keeps no tree
+        frame = renderer.render(view.camera, view.lights, spp=SPP if turn >= 0 else 1)
         answers[plan] = frame.rays, digest(frame.bits)
         return frame.timings["build"], frame.timings["trace"]
 
@@ -460,34 +462,59 @@ class SrdhRows(NamedTuple):
     renders: list[RenderTimes]
 
 
-def measure(views: Sequence[BenchmarkView], effort: SrdhEffort, say: Say, pictures: Path | None) -> SrdhRows:
+ROWS = BoxTests, TreeShape, TreeMemory, RtsahCheck, BuildTimes, RenderTimes
+"""The rows in parts."""
+
+
+def add_views(
+    parts: BenchParts, views: Sequence[BenchmarkView], effort: SrdhEffort, say: Say, pictures: Path | None
+) -> None:
     """Measure all views.
 
     Further lightings of a scene have pictures of half the width and height, and one pre-render for box tests.
 
     pictures : folder for the drawings of the first view's trees (Figure 3); None: no drawings
     """
-    rows, seen = SrdhRows([], [], [], [], [], []), set[int]()
+    seen = set[int]()
     for view in views:
-        if relit := id(view.scene) in seen:
-            view = view._replace(camera=_halved(view.camera))
-        work = Workload(view, effort.spp, effort.threads)
-        counts, trees = count_view(work, say, BUILD_PIXELS[:1] if relit else PIXELS)
-        rows.counts.extend(counts)
-        rows.trees.extend(trees.shapes(view.name))
-        if pictures is not None and view.name == _figure_3(views):
-            _draw_trees(trees, view.name, pictures)
-        if not relit:
-            rows.memory.append(trees.memory(view.name))
-        del trees
-        rows.builds.extend(build_times(work, effort.spp, effort.rounds, say))
-        say(f"{view.name}, uniformly distributed lines")
-        rows.rtsah.append(check_rtsah(work))
-        camera = view.camera.resized(*effort.timed_size)
-        timed = view._replace(camera=_halved(camera) if relit else camera)
-        rows.renders.extend(render_times(timed, effort.threads, effort.rounds, say))
+        relit = id(view.scene) in seen
+        drawn = pictures if view.name == _figure_3(views) else None
+        _add_view(parts, view, relit, effort, say, drawn)
         seen.add(id(view.scene))
-    return rows
+
+
+def _add_view(
+    parts: BenchParts, view: BenchmarkView, relit: bool, effort: SrdhEffort, say: Say, pictures: Path | None
+) -> None:
+    counted = view._replace(camera=_halved(view.camera)) if relit else view
+    work = cache(partial(Workload, counted, effort.spp, effort.threads))
+
+    def boxes() -> tuple[list[BoxTests], list[TreeShape], list[TreeMemory]]:
+        counts, trees = count_view(work(), say, BUILD_PIXELS[:1] if relit else PIXELS)
+        if pictures is not None:
+            _draw_trees(trees, view.name, pictures)
+        return counts, trees.shapes(view.name), [] if relit else [trees.memory(view.name)]
+
+    def rtsah() -> list[RtsahCheck]:
+        say(f"{view.name}, uniformly distributed lines")
+        return [check_rtsah(work())]
+
+    camera = view.camera.resized(*effort.timed_size)
+    timed = view._replace(camera=_halved(camera) if relit else camera)
+    for table, measure in (
+        (SrdhTable.boxes, boxes),
+        (SrdhTable.builds, lambda: build_times(work(), effort.spp, effort.rounds, say)),
+        (SrdhTable.rtsah, rtsah),
+        (SrdhTable.renders, lambda: render_times(timed, effort.threads, effort.rounds, say)),
+    ):
+        parts.add(table, view.name, measure, relit=relit, triangles=view.scene.n_triangles)
+
+
+def rows_of(parts: BenchParts) -> SrdhRows:
+    """The rows of all parts."""
+    boxes = parts.values(SrdhTable.boxes)
+    counted = ([row for part in boxes for row in part[k]] for k in range(3))
+    return SrdhRows(*counted, *(parts.rows(table) for table in (SrdhTable.rtsah, SrdhTable.builds, SrdhTable.renders)))
 
 
 def _halved(camera: Camera) -> Camera:

@@ -18,6 +18,15 @@ class Lighting(StrEnum):
     sky = "sky"
 
 
+class SrdhTable(StrEnum):
+    """The tables that the benchmark measures."""
+
+    boxes = "boxes"
+    builds = "builds"
+    rtsah = "rtsah"
+    renders = "renders"
+
+
 # --- Published results for the paper's five scenes --------------------------------------------------------------------
 
 

@@ -46,16 +46,21 @@ from .srdh_workloads import NAMES
 
 
 def print_tables(rows: SrdhRows) -> None:
-    """Print all tables."""
-    _print_orders(rows.counts)
-    _print_saved(rows.counts)
-    _print_depths(rows.trees)
-    _print_memory(rows.memory)
-    _print_rtsah(rows.rtsah)
-    _print_pixels(rows.counts)
-    _print_kernels(rows.counts, srdh_measurements.kernel_gains(rows.counts, rows.trees))
-    _print_builds(rows.builds)
-    _print_renders(rows.renders)
+    """Print all tables that were measured."""
+    if rows.counts:
+        _print_orders(rows.counts)
+        _print_saved(rows.counts)
+        _print_depths(rows.trees)
+        _print_memory(rows.memory)
+    if rows.rtsah:
+        _print_rtsah(rows.rtsah)
+    if rows.counts:
+        _print_pixels(rows.counts)
+        _print_kernels(rows.counts, srdh_measurements.kernel_gains(rows.counts, rows.trees))
+    if rows.builds:
+        _print_builds(rows.builds)
+    if rows.renders:
+        _print_renders(rows.renders)
 
 
 def _print_orders(rows: list[BoxTests]) -> None:
