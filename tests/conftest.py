@@ -1,6 +1,7 @@
 """Settings of all tests. Kernels of all tests are compiled before the first test."""
 
 import os
+import signal
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # one core for each test process; set before numpy is imported
 
@@ -15,6 +16,10 @@ from devices import opened
 pytest_plugins = ["command_line", "fake_cuda", "missing_packages", "outcomes", "ray_nodes", "selection", "wasm_kernels"]
 load_plugin_scenes()
 add_plugins()  # so that registries are the same in all tests, and the recorded kernels are those of all methods
+
+
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # as shells start background jobs; commands would inherit it
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_runtest_setup(item):

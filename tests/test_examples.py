@@ -60,6 +60,8 @@ def test_the_village_stands_on_the_hills():
     ground = above[:, 2] - hills.closest_hit(above, (0, 0, -1)).t
     assert np.isfinite(ground).all() and -3.0 < (corners[:, 2] - ground).min() < 0.5
     assert {"RoofSurface", "WallSurface", "GroundSurface"} == set(village.city.surface_types(np.arange(200)))
+    kept = json.loads(at.examples.file_of("village").read_text())["CityObjects"]
+    assert {"Building", "Road", "PlantCover", "SolitaryVegetationObject"} == {each["type"] for each in kept.values()}
 
 
 def test_models_are_those_of_the_script(tmp_path):

@@ -40,9 +40,9 @@ def use() -> None:
     assert_type(at.viewshed(scene, "face", [0, 2, 0], max_distance=10.0), at.Viewshed)
     place = at.place_of(scene, latitude=52.0, longitude=4.4)
     assert place is not None
-    assert_type(at.sun_hours(scene, "face", "2026-06-21", place=place, sky=64, by=["month"]), at.Table)
-    assert_type(at.skyline(scene, (0.0, 1.0, 0.0), step=5.0, north=1.0), at.Skyline)
-    assert_type(at.shadow(scene, at="2026-06-21T15:00", place=place, by="object"), at.Shadow)
+    assert_type(at.sun_hours(scene, "face", "2026-06-21", place=place, sky_view=64, by=["month"]), at.Table)
+    assert_type(at.skyline(scene, (0.0, 1.0, 0.0), azimuth_step=5.0, north=1.0), at.Skyline)
+    assert_type(at.shadow(scene, at="2026-06-21T15:00", place=place, per="object"), at.Shadow)
     suns = at.suns_of(place, at.times_of([date(2026, 6, 21)], UTC, 60), scene.up)
     assert_type(suns, at.Suns)
     city = at.load("city.json", lod="2.2").city

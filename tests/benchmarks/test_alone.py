@@ -70,6 +70,14 @@ def test_auto(run, small):
     assert "geometric mean" in done.out and "(8 cases)" in done.out
 
 
+def test_auto_walks(run):
+    scene, size = "procedural:atrium?triangles=2000", ("--size", 24, 16)
+    words = "--scenes", scene, *size, "--cases", 2, "--rounds", 1, "--walk", 3, "--lights", "daylight"
+    done = run("auto", *words, "--plans", "bsah+packet16", "bsah+multifrusta:by-sample")
+    assert [(row["job"], row["frames"], row["light"]) for row in done.rows] == [("walk", 3, "daylight")] * 2
+    assert all(len(row["seconds"]) == 3 and min(row["seconds"].values()) > 0.0 for row in done.rows)
+
+
 def test_fit_auto(run, small, tmp_path):
     rows, rates = tmp_path / "rows.jsonl", tmp_path / "rates.json"
     run("fit_auto", "measure", rows, "--scenes", small, "--size", 24, 16, "--cases", 8, rows=False)
@@ -103,7 +111,8 @@ def test_viewshed(run):
 @pytest.mark.parametrize("device", ["host", "opencl"])
 def test_device(run, small, device):
     opened(device)
-    done = run("device", small, "--device", device, "--rays", 800, "--size", 12, 8, "--spp", 4, "--rounds", 1)
+    small_part = "--part", "rays", "--rays", 800, "--size", 12, 8, "--spp", 4, "--rounds", 1
+    done = run("device", small, "--device", device, *small_part)
     rows = {(row["case"], row["method"]): row for row in done.rows}
     cases = "coherent", "random", "hostile", "closest"
     methods = "device", "device, host arrays", "cpu"

@@ -52,7 +52,10 @@ def test_options_in_the_text_exist_somewhere():
     known = set().union(OTHER, *map(options_of, COMMANDS.values()))
     told = {
         name: set(re.findall(r"`(--[a-z][a-z-]*)", (ROOT / "docs" / name).read_text()))
-        for name in ("cli.md", *(f"jobs/{page.name}" for page in (ROOT / "docs" / "jobs").glob("*.md")))
+        for name in (
+            "cli.md",
+            *(f"{at}/{page.name}" for at in ("cli", "jobs") for page in (ROOT / "docs" / at).glob("*.md")),
+        )
     }
     assert sum(map(len, told.values())) > 50
     assert {name: options - known for name, options in told.items() if options - known} == {}

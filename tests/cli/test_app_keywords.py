@@ -8,6 +8,7 @@ import typer
 
 import antumbra as at
 from antumbra.cli.app import program
+from antumbra.cli.scene_arguments import _OF_FOOTPRINTS, _OF_RASTERS
 from study_cases import study_cases
 
 COMMANDS = {
@@ -37,15 +38,19 @@ OF_COMMANDS = {
     "up": "load() takes it", "unit": "load() takes it", "max_memory": "load() takes it",
     "add": "scene_change", "remove": "scene_change", "before": "SceneChange.compare",
     "height": "from_footprints", "terrain": "from_footprints and from_raster",
-    "json": "output", "quiet": "output", "html": "output", "sheet": "output", "explain_plan": "output",
+    "json": "output", "quiet": "output", "html": "output", "sheet": "output", "contact_sheet": "output",
+    "explain_plan": "output",
     "output": "results are returned, and have save()", "column": "Table.save takes it",
     "reciprocal": "ViewFactors.reciprocal", "map": "Table.save_map", "trees": "from_trees",
     "shard": "keep", "ray": "keep", "merge": "keep", "page": "Baked.page",
     "crs": "place", "latitude": "place", "longitude": "place", "north": "place", "timezone": "place",
-    "light": "one of lights", "ao": "one of lights", "sky": "one of lights", "vpl": "some of lights",
+    "light": "one of lights", "ao": "one of lights", "sky": "one of lights", "open_sky": "one of lights",
+    "vpl": "some of lights",
     "observer": "one of observers", "target": "one of targets", "pairs": "shapes broadcast",
     "size": "Camera has it", "exposure": "Frame.save takes it", "preset": "sets spp, filter and adaptive",
-    "adaptive_spp": "the number in adaptive", "frames": "a loop", "fps": "a loop", "overwrite": "a loop",
+    "camera_path": "a loop",
+    "bounds": "sensors of the window", "adaptive_spp": "the number in adaptive",
+    "frames": "a loop", "fps": "a loop", "overwrite": "a loop",
     "city_output": "write_attributes", "sparse": "VisibilityMatrix.save", "counts": "VisibilityMatrix.counts",
     "device": "part of the plan", "srdh_rays": "Plan.sample", "vertex": "texture is None",
     "no_browser": "browser=False", "polygons": "Viewshed.save_polygons", "hours": "RouteShade.save_hours",
@@ -65,7 +70,7 @@ OF_FUNCTIONS = {
 
 BY_COMMAND = {
     "viewshed": {"camera", "along", "spacing"},
-    "dataset": {"camera"}, "skyline": {"at", "highest"}, "calendar": {"at"}, "pv": {"days", "step", "on_surface"},
+    "dataset": {"camera"}, "skyline": {"point", "highest"}, "calendar": {"point"}, "pv": {"days", "step", "on_surface"},
 }  # fmt: skip
 """Options of one command that its function gets otherwise: of the scene, of the table, or as points."""
 
@@ -87,7 +92,7 @@ def test_a_command_and_its_function_have_the_same_names(name):
 def test_options_are_written_as_parameters(name):
     """--eye-height is eye_height; a switch may have --no- before it."""
     for param in options(name).values():
-        if param.param_type_name == "option" and param.name not in ("observer", "target"):
+        if param.param_type_name == "option" and param.name not in ("observer", "target", "camera_path"):
             assert f"--{param.name.replace('_', '-')}" in param.opts, param.opts
 
 
@@ -98,6 +103,16 @@ def test_every_exception_is_needed():
     assert OF_FUNCTIONS.keys() <= others
 
 
+OF_SCENES = {"terrain", "height", "unit", "triangles", "seed"}
+"""Options of scenes, FILE?NAME=VALUE, that are those of commands."""
+
+
+def test_an_option_of_a_scene_has_the_meaning_of_the_option_of_a_command_or_another_name():
+    own = {*_OF_RASTERS, *_OF_FOOTPRINTS, "cutouts", "instances", "transmittance", "lod", "unit", "triangles", "seed"}
+    others = set().union(*(options(name) for name in COMMANDS))
+    assert own & others == OF_SCENES and "clip" in own and "bounds" in others
+
+
 ARGUMENTS = {
     "sun": ["--latitude", "52", "--longitude", "4", "--days", "2026-06-21", "--step", "720"],
     "bake": ["-o", "b.glb", "--spp", "1"],
@@ -105,7 +120,7 @@ ARGUMENTS = {
     "viewshed": ["--observer", "0.1,1,0.1"],
     "matrix": ["--sparse", "m.npz"],
     "visible": ["--turbine", "0,0,0", "--hub-height", "1", "--rotor", "1"],
-    "skyline": ["--at", "0.1,1,0.1"],
+    "skyline": ["--point", "0.1,1,0.1"],
     "shadow": ["--latitude", "52", "--longitude", "4", "--at", "2026-06-21T12:00", "-o", "s.gpkg"],
     "dataset": ["-o", "d", "--size", "4", "--spp", "1"],
     "build": ["-o", "b.antumbra"],
@@ -114,12 +129,13 @@ ARGUMENTS = {
     "view": ["--no-browser"],
     "pv": ["--latitude", "52", "--longitude", "4", "--days", "2026-06-21", "--modules", "points.csv"],
     "route": ["--latitude", "52", "--longitude", "4", "--days", "2026-06-21", "--spacing", "1", "--line", "points.csv"],
-    "calendar": ["--latitude", "52", "--longitude", "4", "--days", "2026-06-21", "--at", "0,1,0"],
+    "calendar": ["--latitude", "52", "--longitude", "4", "--days", "2026-06-21", "--point", "0,1,0"],
 }
 ARGUMENTS |= {case.command: list(case.words) for case in study_cases() if case.command}
 ANYTHING = {  # any text names something, or a file that may be missing
-    "output", "html", "sheet", "epw", "crs", "host", "merge", "observers", "targets", "sparse", "bits", "matrix",
-    "counts", "city_output", "column", "camera", "light", "timezone", "plot", "attribute",
+    "output", "html", "sheet", "contact_sheet", "epw", "crs", "host", "merge", "observers", "targets", "sparse", "bits",
+    "camera_path",
+    "matrix", "counts", "city_output", "column", "camera", "light", "timezone", "plot", "attribute",
     "allow_host", "trees", "map", "points", "polygon", "object", "surfaces", "polygons", "hours", "modules", "line",
     "turbines", "add", "title", "credits", "page", "variant",
 }  # fmt: skip

@@ -19,7 +19,7 @@ from antumbra.lab import bench_command
 from small_disk import fill, small_disk
 
 READ = {"terrain", "areas", "epw", "observers", "along", "targets", "polygon", "points", "merge", "folders", "store"}
-READ |= {"sponza", "line", "modules", "turbines"}
+READ |= {"sponza", "line", "modules", "turbines", "camera_path"}
 """Arguments of commands that name files and folders to read."""
 
 

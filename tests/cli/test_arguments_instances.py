@@ -18,9 +18,9 @@ def test_a_plan_says_whether_it_traces_instances(cli, tmp_path):
     path = _file(tmp_path)
     options = "--size", "24x16", "--spp", 2, "--explain-plan"
     done = cli("render", f"{path}?instances=on", *options, "-o", "a.png")
-    assert "The plan bsah+wide traced 3 copies of 1 meshes as instances." in done.out
+    assert "The plan bsah+wide traced 3 copies of 1 mesh as instances." in done.out
     done = cli("render", f"{path}?instances=on", *options, "--plan", "bsah+single", "-o", "b.png")
-    assert "cannot trace instances, so 3 copies of 1 meshes were flattened; bsah+wide can" in done.out
+    assert "cannot trace instances, so 3 copies of 1 mesh were flattened; bsah+wide can" in done.out
     done = cli("render", path, *options, "-o", "c.png")
     assert done.code == 0 and "instances" not in done.out
     pictures = [np.asarray(Image.open(f"{name}.png")) for name in "abc"]

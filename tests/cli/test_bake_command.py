@@ -23,7 +23,7 @@ def test_a_file_with_occlusion_at_vertices(cli, model, tmp_path):
 
 def test_the_command_equals_the_function(cli, model, tmp_path):
     sun, lamp = "sun:0,-1,0.5:1", "point:0,3,0@20"
-    assert cli("bake", model, "-o", "a.glb", "--what", "light", "--light", sun, "--light", lamp, "--sky", "0.5",
+    assert cli("bake", model, "-o", "a.glb", "--what", "light", "--light", sun, "--light", lamp, "--open-sky", "0.5",
                "--spp", "8", "--exposure", "0.5", "--attribute", "_LIGHT").code == 0  # fmt: skip
     lights = [at.DirectionalLight((0, -1, 0.5), 1.0), at.PointLight((0, 3, 0), intensity=20.0)]
     at.bake(model, tmp_path / "b.glb", "light", lights=[*lights, at.AmbientOcclusion(intensity=0.5)], spp=8,
@@ -34,7 +34,7 @@ def test_the_command_equals_the_function(cli, model, tmp_path):
 def test_a_texture_with_an_exr(cli, model, tmp_path):
     pytest.importorskip("xatlas")
     told = cli(
-        "bake", model, "-o", "out.glb", "--texture", "64", "--bits", "16", "--exr", "--spp", "4", "--json"
+        "bake", model, "-o", "out.glb", "--texture", "64", "--bit-depth", "16", "--exr", "--spp", "4", "--json"
     ).json()
     assert told["images"] == ["out.exr"] and told["attribute"] is None and (tmp_path / "out.exr").exists()
     assert Glb(tmp_path / "out.glb").image().dtype.itemsize == 2
@@ -53,10 +53,10 @@ def test_other_scenes(cli, square_obj, tmp_path):
         (["-o", "out.png"], [".glb"]),
         (["-o", "none/out.glb"], ["none", "does not exist"]),
         (["-o", "out.glb", "--vertex", "--texture", "64"], ["--vertex", "--texture"]),
-        (["-o", "out.glb", "--sky", "1"], ["--sky", "--what light"]),
+        (["-o", "out.glb", "--open-sky", "1"], ["--open-sky", "--what light"]),
         (["-o", "out.glb", "--what", "gold"], ["gold"]),
         (["-o", "out.glb", "--light", "point:0,1,0"], ["sky"]),
-        (["-o", "out.glb", "--bits", "16"], ["texture"]),
+        (["-o", "out.glb", "--bit-depth", "16"], ["texture"]),
         (["-o", "out.glb", "--texture", "64", "--uv", "0"], ["TEXCOORD_0", "atlas"]),
         (["-o", "out.glb", "--attribute", "AO"], ["_AO"]),
         ([], ["-o"]),

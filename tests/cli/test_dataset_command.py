@@ -12,7 +12,7 @@ SMALL = "--size", "24x16", "--spp", "2"
 
 def test_a_data_set_and_its_sheet(cli, tmp_path):
     made = cli(
-        "dataset", SCENE, "-o", "set", "--orbit", 2, "--random", 1, *SMALL, "--sheet", "sheet.png", "--json"
+        "dataset", SCENE, "-o", "set", "--orbit", 2, "--random", 1, *SMALL, "--contact-sheet", "sheet.png", "--json"
     ).json()
     assert {k: made[k] for k in ("folder", "frames", "lights", "rendered", "finished", "complete")} == {
         "folder": "set", "frames": 3, "lights": 1, "rendered": 3, "finished": 0, "complete": True,
@@ -106,7 +106,7 @@ def test_other_settings_need_overwrite(cli):
         (("-o", "set", "--camera", "7"), ("no camera 7",)),
         (("-o", "set", "--light", "bulb:1"), ("--light", "bulb")),
         (("-o", "set", "--orbit", "-1"), ("--orbit",)),
-        (("-o", "set", "--sheet", "s.jpg"), ("s.jpg", ".png")),
+        (("-o", "set", "--contact-sheet", "s.jpg"), ("s.jpg", ".png")),
         (("-o", "set", "--max-memory", "much"), ("--max-memory",)),
         ((), ("--output",)),
     ],

@@ -47,8 +47,8 @@ def test_devices_are_listed_with_their_self_tests(cli, devices):
     assert list(found) == ["cuda:0", "cuda:1", "cuda:2", "cuda:3", "opencl"] and told.code == 1
     assert (found["cuda:1"]["answers"], found["cuda:1"]["wrong"]) == (5000, 7)
     lines = " ".join(cli("doctor").out.split())
-    assert "cuda:0 Card 0, CUDA 12.4: 5000 answers are right" in lines
-    assert "7 of 5000 answers are WRONG: update the driver" in lines
+    assert "cuda:0 Card 0, CUDA 12.4: 5,000 answers are right" in lines
+    assert "7 of 5,000 answers are WRONG: update the driver" in lines
     assert "cuda:2 Card 2, CUDA 12.4: cuda:2: CUDA_ERROR_DEVICE_UNAVAILABLE; another program" in lines
     assert "cuda:3 Card 3, CUDA 12.4: its compute capability is 6.1" in lines
     assert "opencl no OpenCL driver was found" in lines

@@ -28,7 +28,7 @@ NAMES = {field.name for field in fields(RenderKeywords)}
 APART = {
     "render": {"layers"},
     "compare": {"layers", "plan", "device", "counters", "antialias", "background", "textures", "smooth_normals"}
-    | {"ambient", "ground"},
+    | {"ambient", "ground", "materials"},
 }
 """Options that a command does not have: EXR files have layers, and a comparison is of plans and their rays."""
 
@@ -77,6 +77,7 @@ def test_words_become_values():
     assert literal(vars(given), RenderOptions) == {
         "spp": 8, "counters": False, "sampler": "sobol", "cull_faces": None, "filter": False, "antialias": True,
         "bounce": 3, "ambient": True, "textures": False, "smooth_normals": True,
+        "materials": "pbr",
     }  # fmt: skip
     assert literal(vars(given), EngineOptions) == {"threads": 2, "gbuffer": "auto"}
     asked = given.options()

@@ -202,6 +202,8 @@ def test_light_bounces(render):
     assert [light["type"] for light in told["lights"]] == ["QuadLight"]
     assert (pixels("a.png") == pixels("b.png")).all()
     assert render("--bounce", 3, "--sampler", "halton:full", "-o", "b.png").code == 0
+    further = render("--bounce", 3, "--bounces", 2, "-o", "c.png")
+    assert "3 paths of 2 bounces per pixel" in further.out
     assert (pixels("a.png") != pixels("b.png")).any()
 
 
@@ -232,7 +234,7 @@ def test_an_empty_view_is_said_and_is_no_error(render, square_obj):
     assert (told["seen"], told["rays"], told["lit"], told["mrays_per_second"]) == (0, 0, [None, None], None)
 
 
-def test_the_final_preset_lights_closed_rooms_by_bounced_light(cli):
+def test_the_final_preset_lights_rooms_and_courtyards_by_bounced_light(cli):
     def bounced(*words):
         told = cli("render", *words, "--size", "8x8", "--json", "-o", "a.png").json()
         return told["bounce"], told["bounce_step"]
@@ -240,6 +242,7 @@ def test_the_final_preset_lights_closed_rooms_by_bounced_light(cli):
     room = "example:room", "--preset", "final", "--spp", "2"
     assert bounced(*room) == (ROOM_LIGHT["bounce"], ROOM_LIGHT["bounce_step"]) == (32, 4)
     assert bounced(*room, "--ao", "1") == bounced(*room[:1]) == (None, 1) and bounced(*room, "--bounce", "3") == (3, 1)
+    assert bounced("procedural:atrium?triangles=5000", *room[1:]) == (32, 4)  # below an open sky
     assert bounced("example:mill", *room[1:]) == (None, 1)
 
 
@@ -341,6 +344,8 @@ def test_notes_of_the_loader_are_said_once_and_not_as_warnings(render, square_ob
         (("--bounce", "0"), ["--bounce"]),
         (("--bounce", "1025"), ["--bounce", "1024"]),
         (("--bounce", "8", "--ao", "1"), ["--ao", "--bounce", "leave one"]),
+        (("--bounces", "2"), ["--bounces", "--bounce 16"]),
+        (("--bounce", "8", "--bounces", "65"), ["--bounces", "64"]),
         (("--bounce", "8", "--vpl", "8"), ["--vpl", "--bounce", "leave one"]),
         (("--sampler", "halton:5"), ["halton:5", "halton:18"]),
         (("another",), ["another"]),

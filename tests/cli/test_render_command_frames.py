@@ -47,6 +47,13 @@ def pictures(folder="."):
     return {name: open(name, "rb").read() for name in sorted(os.listdir(folder)) if name.startswith("f.")}
 
 
+def test_each_frame_states_how_many_follow(film, monkeypatch):
+    expected, expect = [], Renderer.expect
+    monkeypatch.setattr(Renderer, "expect", lambda self, n: expected.append(n) or expect(self, n))
+    lines(film("--json"))
+    assert expected == [4, 3, 2, 1]
+
+
 def test_every_frame_is_the_picture_of_its_moment(film, cli, moving):
     *told, total = lines(film("--json"))
     assert list(pictures()) == ["f.00.png", "f.01.png", "f.02.png", "f.03.png"]

@@ -35,7 +35,7 @@ STUDIES = {  # command -> (words, file of both states, a quantity)
         "share",
     ),
     "viewshed": (("--sensors", "grid:1", "--observer", "85015,446950,2"), "out.csv", "seen"),
-    "skyline": (("--at", "85005,447005,11", "--step", 30), "out.csv", "elevation"),
+    "skyline": (("--point", "85005,447005,11", "--azimuth-step", 30), "out.csv", "elevation"),
     "los": (("--from", "85005,446999,5", "--to", "85020,446960,5"), "out.csv", None),
     "matrix": (("--sensors", "grid:1", "--targets", "targets.csv"), "counts.csv", "seen"),
 }
@@ -79,7 +79,7 @@ def test_every_study_has_both_states_of_each_quantity(cli, tmp_path, town, study
 
 
 def test_view_factors_of_both_states_have_the_same_rays(cli, tmp_path, town):
-    words = "view-factors", town, "--surfaces", "building", "--samples", 4096
+    words = "view-factors", town, "--per", "building", "--samples", 4096
     assert cli(*words, *ADD, "--remove", "shed", "--before", "-o", "out.csv").code == 0
     rows = {(row["from"], row["to"]): row for row in rows_of(tmp_path / "out.csv")}
     assert {one for one, _ in rows} == {"house"} and float(rows["house", "tower"]["factor_before"]) == 0.0
@@ -88,7 +88,7 @@ def test_view_factors_of_both_states_have_the_same_rays(cli, tmp_path, town):
     away = (
         "view-factors",
         town,
-        "--surfaces",
+        "--per",
         "building",
         "--samples",
         4096,

@@ -186,8 +186,8 @@ def test_notes_on_points_are_lines_of_the_command_and_not_of_a_quiet_one(cli, de
     (tmp_path / "eyes.csv").write_text("x,y,z\n100020,449980,30\n100020,449980,-5\n100900,449980,30\n")
     viewshed = "viewshed", "dem.tif", "--observers", "eyes.csv", "-o", "seen.json"
     loud, quiet = cli(*viewshed), cli(*viewshed, "--quiet")
-    below = "1 of 3 observers lie below the ground or inside a solid; the first is 100020,449980,-5"
-    beside = "1 of 3 observers lie beside dem; the first is 100900,449980,30"
+    below = "1 of 3 observers lies below the ground or inside a solid; the first is 100020,449980,-5"
+    beside = "1 of 3 observers lies beside dem; the first is 100900,449980,30"
     assert loud.code == quiet.code == 0 and quiet.err == "" and loud.err.count("note: ") == 2
     assert f"antumbra: note: {below}\n" in loud.err and f"antumbra: note: {beside}\n" in loud.err
     assert sorted(json.loads((tmp_path / "seen.json").read_text())["about"]["warnings"]) == sorted([below, beside])
@@ -196,7 +196,7 @@ def test_notes_on_points_are_lines_of_the_command_and_not_of_a_quiet_one(cli, de
 DEGREES = {
     "viewshed": ("--observer", "4.36,52.01,30"),
     "los": ("--from", "4.36,52.01,30", "--to", "100020,449980,30"),
-    "skyline": ("--at", "4.36,52.01,30"),
+    "skyline": ("--point", "4.36,52.01,30"),
     "visible": ("--turbine", "4.36,52.01,30", "--hub-height", "9", "--rotor", "4"),
     "render": (
         "--camera",
@@ -216,8 +216,8 @@ def test_points_to_be_placed_on_a_hole_are_refused(cli, dem):
     heights = hills(20, 25)
     heights[8:12, 8:12] = -9999
     write_raster(dem.with_name("hole.tif"), heights, nodata=-9999)
-    for command, option in (("viewshed", "--observer"), ("skyline", "--at")):
+    for command, option in (("viewshed", "--observer"), ("skyline", "--point")):
         placed = cli(
             command, "hole.tif", option, "100020,449980,0", "--on-surface", "--eye-height", "1.7", "-o", "a.csv"
         )
-        placed.refused("1 of 1", "are to be placed on a surface, and lie beside hole or on a hole", "100020,449980,0")
+        placed.refused("1 of 1", "lies beside hole or on a hole, where no surface is to", "100020,449980,0")

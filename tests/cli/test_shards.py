@@ -15,7 +15,14 @@ from antumbra.base.command_registry import COMMANDS
 from antumbra.cli.shards import parse_shard
 from antumbra.cli.study_run import StudyCommand
 from antumbra.picture.image_files import note_of
+from antumbra.store.system_resources import peak_resident_memory
+from antumbra.work import executors, work_parts
 from antumbra.work.executors import JOB, read_shard_record, write_shard_record
+from antumbra.work.work_parts import Parts
+from formats.test_face_ranges import ply
+from gis_files import hills, write_raster
+from range_server import serving
+from stores import with_small_chunks
 
 CITY = "procedural:city?triangles=3000"
 SUN = (
@@ -37,18 +44,23 @@ AT_NOON = ("--latitude", 52, "--longitude", 4.36, "--at", "2026-03-21T12:00")
 EYES = ("--sensors", "raster:8+1.6", "--observer", "10,30,5", "--observer", "-40,20,12")
 JOBS = {
     "sun on surfaces": (*SUN[:-1], "grid:12+0.01", "--surfaces", "WallSurface", "-o", "a.csv", "-o", "a.parquet"),
+    "partitions of sun": (*SUN, "--by", "month", "-o", "a.parquets", "-o", "a.parquet"),
+    "partitions of a viewshed": ("viewshed", CITY, *EYES, "--each", "-o", "a.parquets", "-o", "a.csv"),
+    "partitions of visible": (
+        *("visible", CITY, *EYES[:2], "--turbine", "0,0,0", "--hub-height", 60, "--rotor", 40, "-o", "a.parquets"),
+    ),
     "sun of a raster": (*SUN, "-o", "a.tif", "-o", "a.parquet"),
     "viewshed": ("viewshed", CITY, *EYES, "--each", "-o", "a.tif", "-o", "a.csv"),
     "viewshed with bits": ("viewshed", CITY, *EYES, "--bits", "b.npy", "-o", "a.png"),
     "visible": ("visible", CITY, *EYES[:2], "--turbine", "0,0,0", "--hub-height", 60, "--rotor", 40, "-o", "a.tif"),
     "lines": ("los", CITY, "--from", "10,30,5", "--from", "0,2,0", "--targets", "targets.csv", "-o", "a.csv"),
-    "skylines": ("skyline", CITY, "--points", "raster:30+1.6", "--step", 30, "-o", "a.csv"),
+    "skylines": ("skyline", CITY, "--points", "raster:30+1.6", "--azimuth-step", 30, "-o", "a.csv"),
     "view factors": ("view-factors", CITY, "--samples", 64, "-o", "a.csv"),
     "shadow on cells": ("shadow", CITY, *AT_NOON, "--cell", 4, "-o", "a.geojson", "-o", "a.tif"),
     "hours of shadow": ("shadow", CITY, *AT_NOON[:4], "--days", "2026-03-21", "--cell", 6, "-o", "a.geojson"),
     "shadow on a plane": ("shadow", CITY, *AT_NOON, "-o", "a.geojson"),
     "sun": (*SUN, "-o", "a.csv", "-o", "a.png"),
-    "sky and matrix": (*SUN, "--sky", 32, "-o", "a.npz", "--matrix", "m.npy"),
+    "sky and matrix": (*SUN, "--sky-view", 32, "-o", "a.npz", "--matrix", "m.npy"),
     "vertices": ("bake", "procedural:atrium?triangles=1000", "-o", "a.glb", "--spp", 8),
     "light": ("bake", "procedural:atrium?triangles=1000", "-o", "a.glb", "--what", "light", "--spp", 4),
     "visibility": ("matrix", CITY, "--sensors", "raster:10", "-o", "a.npy", "--sparse", "b.npz", "--counts", "c.csv"),
@@ -56,10 +68,15 @@ JOBS = {
     "adaptive": (*PICTURE, "--adaptive", "--adaptive-spp", 16, "-o", "a.exr"),
     "bounce": (*PICTURE, "--bounce", 2, "--no-filter", "-o", "a.exr"),
     "frames": ("render", CITY, "--size", "24", "--frames", "3:9:2", "-o", "f.##.png", "--spp", 4),
+    "store": ("build", CITY, "mesh.ply", "-o", "a.antumbra"),
     "data set": ("dataset", CITY, "-o", "set", "--random", 3, "--random-lights", 1, "--size", "24x24", "--spp", 2),
 }
 
 
+UNSAMPLED = {"shadow on a plane", "visibility", "png", "adaptive", "bounce", "frames", "store", "data set"}
+"""Those whose parts have few items: the second part is their sample."""
+
+MESH = ply(of="face")
 TARGETS = "x,y,z\n" + "".join(f"{3 * k - 40},{1 + k % 7},{20 - k}\n" for k in range(30))
 
 
@@ -72,7 +89,9 @@ def small_parts(monkeypatch):
     from antumbra.city.skyline import skyline
     from antumbra.city.sun import sun_visibility
     from antumbra.city.view_factors import view_factors
-    from antumbra.work import work_parts
+    from antumbra.engine import store_building
+    from antumbra.formats import face_ranges
+    from antumbra.store import store_build
 
     for module in sun_visibility, targets, viewshed:
         monkeypatch.setattr(module, "SENSORS_PER_PART", 100)
@@ -83,11 +102,16 @@ def small_parts(monkeypatch):
     monkeypatch.setattr(surface_meter, "BLOCKS_PER_PART", 60)
     monkeypatch.setattr(work_parts, "BAND", 16)
     monkeypatch.setattr(visibility_matrix, "STRIP", 128)
+    monkeypatch.setattr(store_building, "write_store", with_small_chunks)
+    monkeypatch.setattr(face_ranges, "PIECES_PER_SPAN", 1)
+    monkeypatch.setattr(face_ranges, "FACES_PER_PIECE", 300)
+    monkeypatch.setattr(store_build, "USUAL_SIZES", store_build.PieceSizes(staged=300, run=300, unit=300))
 
 
 def contents(folder) -> dict[str, bytes]:
     files = (path for path in Path(folder).rglob("*") if path.is_file())
-    return {str(path.relative_to(folder)): path.read_bytes() for path in files if path.name != "targets.csv"}
+    inputs = "targets.csv", "mesh.ply"
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files if path.name not in inputs}
 
 
 @pytest.fixture
@@ -97,6 +121,7 @@ def run(cli, tmp_path, monkeypatch):
     def run(folder, *words, code=0):
         (tmp_path / folder).mkdir(exist_ok=True)
         (tmp_path / folder / "targets.csv").write_text(TARGETS)
+        (tmp_path / folder / "mesh.ply").write_bytes(MESH)
         monkeypatch.chdir(tmp_path / folder)
         done = cli(*words)
         assert done.code == code, done
@@ -120,24 +145,26 @@ def test_merged_shards_are_the_bytes_of_the_whole(run, tmp_path, small_parts, jo
         folder, parts = tmp_path / f"of {n}", []
         for i in reversed(range(n)):
             run(folder.name, *words, "--shard", f"{i}/{n}", "--quiet")
-            parts.append(len(list(folder.rglob("0*.npz"))))
+            parts.append(sum(path.suffix in (".npz", ".parquet") for path in folder.rglob("0*")))
         if job not in ("frames", "data set"):  # their results are their parts
             assert not set(contents(folder)) & set(whole)
             assert parts[-1] >= (1 if job == "shadow on a plane" else 3)  # one object; 7 shards may have nothing to do
-        run(folder.name, "merge", shards_of(folder), "--quiet")
+        done = run(folder.name, "merge", shards_of(folder))
+        assert "rays/s" not in done.out  # which were traced before
         shutil.rmtree(shards_of(folder))
         assert contents(folder) == whole, (job, n)
 
 
-@pytest.mark.parametrize("job", ["sun", "png", "frames", "data set"])
+@pytest.mark.parametrize("job", ["sun", "partitions of sun", "png", "frames", "store", "data set"])
 def test_shards_of_several_machines_are_merged(run, tmp_path, small_parts, job):
     words = JOBS[job]
     run("whole", *words, "--quiet")
     for i in range(3):
         run(f"node{i}", *words, "--shard", f"{i}/3", "--quiet")
     folders = [shards_of(tmp_path / f"node{i}") for i in range(3)]
-    told = run("merged", "merge", *folders[:2], "-q", code=2)
-    told.refused("shard 2/3 is not complete", "--shard 2/3")
+    told = run("merged", "merge", *folders[:2], "-q", code=75)
+    assert "shard 2/3 is not complete" in told.err and "--shard 2/3" in told.err
+    assert "a.shards: no shard has begun" in run("none", "merge", "a.shards", code=75).err
     told = run("merged", "merge", *folders, folders[1].parent / "." / folders[1].name, "--quiet")
     assert contents(tmp_path / "merged") == contents(tmp_path / "whole")
     twice = tmp_path / "twice" / folders[0].name
@@ -152,6 +179,34 @@ def test_shards_of_several_machines_are_merged(run, tmp_path, small_parts, job):
         run("other", "merge", *folders, twice, "-q", code=2).refused("is there twice, and differs", str(twice))
 
 
+@pytest.mark.parametrize("job", JOBS)
+def test_every_job_tells_before_its_work_what_its_parts_take(run, tmp_path, small_parts, monkeypatch, job):
+    """Where a sample would not be small beside the work, it tells after the second part."""
+    for name, value in {"_LEAST": 2, "_MANY": 3, "_PIECE": 2, "_PLACES": 2}.items():
+        monkeypatch.setattr(work_parts, name, value)
+    told, done, do_missing = [], [], executors.do_missing
+    monkeypatch.setattr(executors, "tell_estimate", lambda what, folder, unit, left: told.append((what, unit, left)))
+
+    def measured(share):
+        did = do_missing(share)
+        for units, numbers in share:
+            sizes = [sum((units.root / file).stat().st_size for file in units.files(k)) for k in numbers]
+            done.append((units.what, sizes, isinstance(units, Parts)))
+        return did
+
+    monkeypatch.setattr(executors, "do_missing", measured)
+    run("a", *JOBS[job], "-q")
+    expected = {what for what, sizes, _ in done if len(sizes) > 1}
+    assert expected <= {what for what, *_ in told} or job in ("frames", "data set", "store"), (done, told)
+    peak = peak_resident_memory()
+    for what, sizes, _ in done:
+        for _, unit, left in [each for each in told if each[0] == what and each[1].source != "one part"]:
+            assert left == len(sizes) and 0.5 < unit.size * left / sum(sizes) < 2.0, (what, unit, sizes)
+            assert peak / 2.0 < unit.memory < 2.0 * peak
+    sampled = {unit.source for _, unit, _ in told} - {"one part"}
+    assert bool(sampled) == (job not in UNSAMPLED), (job, sampled)
+
+
 def test_a_shard_goes_on_and_says_what_it_did(run, tmp_path, small_parts):
     words = (*JOBS["sun"], "--shard", "1/2")
     first = run("a", *words, "--json").json()
@@ -163,6 +218,23 @@ def test_a_shard_goes_on_and_says_what_it_did(run, tmp_path, small_parts):
     assert again["done"] == 1 and again["parts"] == first["parts"] and file.read_bytes() == before
     told = run("a", *words)
     assert "1/2" in told.out and "were already done" in told.out and "antumbra merge a.shards" in told.out
+
+
+@pytest.mark.parametrize("more", [(), ("--shard", "1/2")])
+def test_an_interrupted_run_says_how_many_parts_are_kept(run, tmp_path, small_parts, monkeypatch, more):
+    do = Parts.do
+
+    def interrupted(parts, k):
+        if k >= 2:
+            raise KeyboardInterrupt
+        do(parts, k)
+
+    monkeypatch.setattr(Parts, "do", interrupted)
+    told = run("a", *JOBS["sun"], *more, code=130)
+    n = len(list(tmp_path.rglob("0*.npz")))
+    assert n == (1 if more else 2) and f"note: {n} of " in told.err and "run it again to resume from there" in told.err
+    monkeypatch.setattr(Parts, "do", do)
+    run("a", *JOBS["sun"], *more, "-q")
 
 
 def test_shards_may_have_their_options_in_any_order_and_spelling(run, tmp_path, small_parts):
@@ -311,12 +383,13 @@ def jobs():
     modules = {each.__module__: each for each in studies_below(StudyCommand) if hasattr(each, "__dataclass_fields__")}
     found = {name: modules[each.module] for name, each in COMMANDS.items() if each.module in modules}
     found["render"] = inspect.getmodule(COMMANDS["render"].function("render")).RenderArguments
+    found["build"] = inspect.getmodule(COMMANDS["build"].function("build")).BuildArguments
     return {name: {each.name for each in fields(kind)} for name, kind in found.items()}
 
 
 def test_every_job_has_threads_shards_a_cluster_and_a_merge():
     named = jobs()
-    assert len(named) == 14 and {"render", "sun", "los", "view-factors", "dataset"} <= named.keys()
+    assert len(named) == 15 and {"render", "sun", "los", "view-factors", "dataset"} <= named.keys()
     lacking = {name: {"shard", "ray", "merge"} - given for name, given in named.items()}
     assert not any(lacking.values()), lacking
 
@@ -343,3 +416,26 @@ def test_parts_without_a_place_are_refused(cli, option):
     cli("los", "--from", "0,1,8", "--to", "0,1,-8", option, "0/2" if option == "--shard" else "local").refused(
         option, "--output"
     )
+
+
+@pytest.mark.parametrize("form", ["{}", "-o a.csv --terrain {}", "--sensors raster:{}", "--terrain={}", "{}?band=1"])
+def test_a_record_of_shards_reaches_no_server(cli, tmp_path, monkeypatch, form):
+    """Whoever wrote the record is not the user."""
+    (tmp_path / "web").mkdir()
+    write_raster(tmp_path / "web" / "a.tif", hills())
+    scene = write_raster(tmp_path / "local.tif", hills())
+    with serving(tmp_path / "web", monkeypatch) as server:
+        words = form.format(f"{server.url}/a.tif").split()
+        words = words if "-" not in form[:1] else [str(scene), *words]
+        (tmp_path / "a.shards").mkdir()
+        write_shard_record(tmp_path / "a.shards", ["viewshed", *words, "--observer", "100009,449993,99"], 2)
+        cli("merge", "a.shards").refused(
+            f"a.tif: is read from {server.url}/a.tif, as the record in a.shards says", "--merge a.shards"
+        )
+        assert not server.requests
+
+
+def test_each_command_with_work_by_blocks_has_a_memory_limit():
+    options = {name: inspect.signature(each.function(name)).parameters for name, each in COMMANDS.items()}
+    by_blocks = {name for name, names in options.items() if "shard" in names}
+    assert len(by_blocks) > 9 and all("max_memory" in options[name] for name in by_blocks)

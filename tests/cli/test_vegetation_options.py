@@ -71,13 +71,13 @@ def test_trees_hide_a_target(cli, plot):
 
 
 def test_trees_raise_the_horizon_of_points_below_them(cli, plot):
-    ask = "skyline", SCENE, "--up", "z", "--step", 90, "--eye-height", 1.5, "--on-surface", "--json"
-    beside = cli(*ask, "--at", "8,0,0", "--trees", TREE).json()["skylines"][0]
+    ask = "skyline", SCENE, "--up", "z", "--azimuth-step", 90, "--eye-height", 1.5, "--on-surface", "--json"
+    beside = cli(*ask, "--point", "8,0,0", "--trees", TREE).json()["skylines"][0]
     assert 45 < beside["highest"] < 70 and beside["towards"] == 270 and beside["lowest"] < 0
-    below = cli(*ask, "--at", "0,1,0", "--trees", TREE).json()["skylines"][0]
+    below = cli(*ask, "--point", "0,1,0", "--trees", TREE).json()["skylines"][0]
     assert below["lowest"] == below["highest"] == 90  # on the ground below the crown, not on the crown
-    assert cli(*ask, "--at", "0,1,0").json()["skylines"][0]["highest"] < 0
-    done = cli(*ask, "--at", "8,0,0", "--trees", f"{TREE}&transmittance=0.5")
+    assert cli(*ask, "--point", "0,1,0").json()["skylines"][0]["highest"] < 0
+    done = cli(*ask, "--point", "8,0,0", "--trees", f"{TREE}&transmittance=0.5")
     assert done.code == 2 and "crowns count as solid; leave transmittance out" in done.err
 
 
@@ -142,7 +142,7 @@ def test_map_sheets_of_shadows_and_skylines(cli, plot, suffix, head):
     name, trees = f"sheet.{suffix}", ("--trees", TREE, "--crs", "EPSG:28992")
     moment = "shadow", SCENE, "--up", "z", *HERE, "--at", "2026-06-21T13:40", *trees, "--map", name
     days = "shadow", SCENE, "--up", "z", *HERE, *DAY, "--cell", 4, *trees, "--map", name
-    horizon = "skyline", SCENE, "--up", "z", "--at", "8,0,2", "--north", "1", *trees, "--map", name
+    horizon = "skyline", SCENE, "--up", "z", "--point", "8,0,2", "--north", "1", *trees, "--map", name
     for ask in moment, days, horizon:
         told = cli(*ask, "--json").json()
         assert told.get("files", told.get("outputs")) == [name]
@@ -152,9 +152,9 @@ def test_map_sheets_of_shadows_and_skylines(cli, plot, suffix, head):
 
 
 def test_a_diagram_shows_one_point(cli, plot):
-    done = cli("skyline", SCENE, "--up", "z", "--at", "8,0,2", "--at", "9,0,2", "--map", "sheet.pdf")
+    done = cli("skyline", SCENE, "--up", "z", "--point", "8,0,2", "--point", "9,0,2", "--map", "sheet.pdf")
     assert done.code == 2 and "sheet.pdf: a diagram shows one point, and there are 2" in done.err
-    assert cli("skyline", SCENE, "--up", "z", "--at", "8,0,2", "--map", "sheet.jpg").code == 2
+    assert cli("skyline", SCENE, "--up", "z", "--point", "8,0,2", "--map", "sheet.jpg").code == 2
 
 
 def test_geopackages_and_styles(cli, plot):

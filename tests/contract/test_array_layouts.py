@@ -212,7 +212,7 @@ door(
     lambda a: at.sun_hours(SCENE, a, "2026-06-21", place=at.Place(52.0, 4.0), step=240).columns,
 )
 door("SceneChange.sensors sensors", POINTS, lambda a: at.scene_change(SCENE, SCENE).sensors(a).points)
-door("view_factors surfaces", np.arange(SCENE.n_triangles) % 3, lambda a: at.view_factors(SCENE, a, samples=64))
+door("view_factors per", np.arange(SCENE.n_triangles) % 3, lambda a: at.view_factors(SCENE, a, samples=64))
 door("points_along lines", POINTS, lambda a: at.points_along(a, 0.5))
 door("polygon_points corners", POINTS[:3], lambda a: at.polygon_points(a, 0.5))
 door("point_sensors at", POINTS, at.point_sensors)

@@ -25,6 +25,7 @@ from antumbra.techniques.tracer_options import ChcRtOptions
 from antumbra.trace.primary.primary_rays import trace_primary
 from antumbra.trace.rays.ray_hits import nearest_hits
 from cutout_scenes import holes
+from devices import DEVICES
 from double_rooms import ORDERS, TURNS, double_room, rays_inside
 from strength import examples
 
@@ -126,6 +127,13 @@ def _first_only(scene, origins, directions, tmp_path):
     return _first_of(scene, origins, directions, 1)
 
 
+def _on_device(name):
+    def hits(scene, origins, directions, tmp_path):
+        return _in_list(at.Engine(scene, device=name), origins, directions, tmp_path)
+
+    return hits
+
+
 def _stored(scene, tmp_path):
     path = tmp_path / "a.antumbra"
     build_store([scene], path, chunk=16)
@@ -158,10 +166,13 @@ WAYS = {
     "all hits, but at most one": _first_only,
     "a store": _in_store,
     "all hits in a store, but at most one": _first_in_store,
+    "the host device": _on_device("host"),
+    "OpenCL": _on_device("opencl"),
 }
+ON_DEVICES = [pytest.param(way, marks=pytest.mark.device(name)) for way, name in zip([*WAYS][-2:], DEVICES)]
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("way", [*[*WAYS][:-2], *ON_DEVICES])
 @pytest.mark.parametrize("order, turn", CASES)
 def test_rays_hit_the_face_that_faces_them(order, turn, way, tmp_path):
     scene, origins, directions, (t, face) = case_of(order, turn)
@@ -268,6 +279,22 @@ def test_pictures_of_a_store_show_the_face_that_faces_the_camera(order, turn, tm
     scene, camera, truth = picture_of(order, turn)
     frame = Renderer(_stored(scene, tmp_path), None, 2).render(camera, _light(scene), spp=1)
     np.testing.assert_array_equal(frame.gbuffer.face, truth)
+
+
+@pytest.mark.parametrize("projection", ["perspective", "orthographic", "panoramic"])
+@pytest.mark.parametrize("order, turn", CASES)
+def test_pixels_show_the_face_that_their_rays_hit(order, turn, projection, tmp_path):
+    """In memory, in stores and of instances, by every projection."""
+    scene, near = case_of(order, turn)[0], _camera(order, case_of(order, turn)[0])
+    extent = 3.0 if projection == "orthographic" else None
+    camera = at.Camera(
+        near.position, near.target, near.up, near.vfov, near.width, near.height, projection=projection, extent=extent
+    )
+    for source in scene, _stored(scene, tmp_path), _instanced(scene)[0]:
+        rays = rays_through(camera.view(source.origin), np.ones(SHAPE, bool))
+        hit = source.closest_hit(rays.origins + source.origin, rays.directions)
+        np.testing.assert_array_equal(source.engine.surfaces(camera).face.ravel(), hit.face)
+        assert (hit.face >= 0).mean() > 0.02
 
 
 def test_hits_are_compared_with_those_of_chunks_that_have_left_memory(tmp_path):

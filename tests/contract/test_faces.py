@@ -111,7 +111,7 @@ def _of_faces(scene, stored: bool) -> dict[str, Example]:
         "default_lights": ex(scene.default_lights),
         "ground_height": ex(scene.ground_height),
         "set_transmittance": ex(opaque.set_transmittance, not stored, shares={"*": 0.5}),
-        "triangles": ex(scene.triangles, works=not stored),
+        "triangles": ex(scene.triangles),
         "update": ex(opaque.update, not stored, objects=[0], transform=np.eye(4), threads=1),
     }
 
@@ -160,7 +160,7 @@ def examples(folder: Path) -> dict[str, Example]:
     shade = at.route_shade(own, route, 1.0, days, place=PLACE, step=60.0)
     calendar = at.sun_calendar(own, points, days, place=PLACE, step=60.0)
     seen = at.viewshed(own, at.raster_sensors(own, 1.0), [0.5, 3.0, -0.5], each=True)
-    skyline = at.skyline(own, points, step=30.0)
+    skyline = at.skyline(own, points, azimuth_step=30.0)
     change = at.scene_change(own, own)
     moment = {"at": "2026-06-21T12:00", "place": PLACE}
     houses = geopandas.GeoDataFrame(geometry=[shapely.box(0, 0, 1, 1)])
@@ -183,6 +183,7 @@ def examples(folder: Path) -> dict[str, Example]:
         "QuadLight": ex(at.QuadLight, corner=(0, 3, 0), u=(1, 0, 0), v=(0, 0, 1)),
         "Sky": ex(at.Sky),
         "Sky.radiance": ex(sky.radiance, directions=[0, 1, 0]),
+        "Sky.resampled": ex(sky.resampled, count=32),
         "SphereLight": ex(at.SphereLight, center=(0, 3, 0), radius=0.5),
         "SrdhRays": ex(at.SrdhRays),
         "RenderOptions": ex(at.RenderOptions),
@@ -197,6 +198,7 @@ def examples(folder: Path) -> dict[str, Example]:
         "Receivers.on_surface": ex(
             at.Receivers.on_surface, points=[[1.0, 3.0, -1.0]], normals=[0.0, 1.0, 0.0], frame=own.origin
         ),
+        "Renderer.expect": ex(renderer.expect, frames=3),
         "Renderer.render": ex(renderer.render, camera=CAMERA, lights=LIGHT, spp=1),
         "Renderer.request": ex(renderer.request, camera=CAMERA, lights=LIGHT, options=at.RenderOptions(spp=1)),
         "Renderer.accelerate": ex(renderer.accelerate),
@@ -216,6 +218,7 @@ def examples(folder: Path) -> dict[str, Example]:
         "Table.save": ex(table.save, path=folder / "table.csv"),
         "Table.save_map": ex(table.save_map, path=folder / "map.pdf"),
         "Table.shown": ex(table.shown, column="seen"),
+        "Table.to_xarray": ex(at.sky_view(own, "raster:2", directions=16).to_xarray),
         "VisibilityMatrix": ex(at.VisibilityMatrix, bits=matrix.bits, columns=2, counts=matrix.counts),
         "VisibilityMatrix.rows": ex(matrix.rows),
         "VisibilityMatrix.save": ex(matrix.save, path=folder / "matrix.npy"),
@@ -285,7 +288,7 @@ def examples(folder: Path) -> dict[str, Example]:
         "Shadow.page": ex(shadow.page, path=folder / "shadow.html"),
         "Shadow.save_map": ex(shadow.save_map, path=folder / "shadow.pdf"),
         "Shadow.save": ex(shadow.save, path=folder / "shadow.gpkg"),
-        "skyline": ex(at.skyline, scene=own, points=points, step=30.0),
+        "skyline": ex(at.skyline, scene=own, points=points, azimuth_step=30.0),
         "Skyline.save_map": ex(skyline.save_map, path=folder / "horizon.pdf", point=0, place=PLACE),
         "Skyline.save": ex(skyline.save, path=folder / "skyline.csv"),
         "Skyline.series": ex(skyline.series),

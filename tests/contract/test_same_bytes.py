@@ -38,19 +38,20 @@ JOBS = {
                 *TABLES, "a.html", "--map", *MAPS),
     "matrix": ("matrix", CITY, *RASTER, "-o", "a.npy", "--sparse", "b.npz", "--counts", *TABLES, "a.html", "--map",
                *MAPS),
-    "skyline": ("skyline", CITY, "--at", EYE, "-o", "a.csv", "a.json", "a.npz", "a.txt", "--map", *MAPS),
+    "skyline": ("skyline", CITY, "--point", EYE, "-o", "a.csv", "a.json", "a.npz", "a.txt", "--map", *MAPS),
     "polygons": ("viewshed", CITY, *RASTER, "--observer", EYE, "--polygons", "a.gpkg", "a.geojson", "a.parquet",
                  "-o", "a.csv"),
-    "calendar": ("calendar", CITY, "--at", EYE, "--days", "2026-06-21", "--step", "60", "-o", "a.csv", "--map",
+    "calendar": ("calendar", CITY, "--point", EYE, "--days", "2026-06-21", "--step", "60", "-o", "a.csv", "--map",
                  "a.pdf"),
-    **{f"calendar{name}": ("calendar", CITY, "--at", EYE, "--days", "2026-06-21", "--step", "60", "--map", f"a{name}",
-                           "-o", "a.csv") for name in (".svg", ".png")},
+    **{f"calendar{name}": ("calendar", CITY, "--point", EYE, "--days", "2026-06-21", "--step", "60", "--map",
+                           f"a{name}", "-o", "a.csv") for name in (".svg", ".png")},
     "route": ("route", CITY, "--line", "route.csv", "--spacing", "5", "--days", "2026-06-21", "--hours", "h.csv", "-o",
               "a.csv", "a.gpkg", "a.parquet", "a.json", "a.npz", "a.png", "--map", *MAPS),
     "pv": ("pv", CITY, "--modules", "route.csv", "--days", "2026-06-21", "-o", "a.csv", "a.parquet"),
     "page": ("page", CITY, "--date", "2026-06-21T12:00", "-o", "a.html"),
-    "dataset": ("dataset", CITY, *SMALL, "--random", "1", "-o", "set", "--sheet", "sheet.png"),
+    "dataset": ("dataset", CITY, *SMALL, "--random", "1", "-o", "set", "--contact-sheet", "sheet.png"),
     "build": ("build", CITY, "-o", "a.antumbra"),
+    "build of tiles": ("build", CITY, "-o", "a.tiles"),
     **{f"scenes {suffix}": ("scenes", "atrium", "--triangles", "1000", "-o", f"a{suffix}")
        for suffix in (".glb", ".obj", ".ply")},
     "culling": ("culling", CITY, "--size", "16", "-o", "a.png"),
@@ -136,4 +137,4 @@ def test_all_suffixes_are_written(twice):
         if str(output) not in MEASURED and output.words[0] != "bench" and not output.is_folder:
             made = {path.suffix for name, words in JOBS.items() if words[0] == output.words[0]
                     for path in (twice[0] / name).iterdir()}  # fmt: skip
-            assert set(output.info.callback.writes()) <= made, output
+            assert set(output.info.callback.writes()) - {".zarr", ".parquets"} <= made, output  # folders

@@ -156,7 +156,7 @@ def _shadow(frame, scene):
 
 @finds("skyline")
 def _skyline(frame, scene):
-    found = at.skyline(scene, frame.of(EYES), step=5.0, north=frame.place.north)
+    found = at.skyline(scene, frame.of(EYES), azimuth_step=5.0, north=frame.place.north)
     return {}, {"elevation": found.elevation, "highest": found.highest}
 
 

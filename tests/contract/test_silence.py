@@ -99,8 +99,8 @@ def test_the_log_tells_begin_and_end_and_the_callers_function_tells_the_rest(cap
     with caplog.at_level("INFO", "antumbra"):
         at.line_of_sight(scene, (0, 1, 0), (0, 2, 0), progress=lambda *what: calls.append(what))
     begin, end = caplog.messages
-    assert begin == "1 lines of sight ..." and end.startswith("1 lines of sight: ")
-    assert calls[-1] == ("1 lines of sight", 1, 1)
+    assert begin == "1 line of sight ..." and end.startswith("1 line of sight: ")
+    assert calls[-1] == ("1 line of sight", 1, 1)
 
 
 @pytest.mark.parametrize(

@@ -113,7 +113,7 @@ def _visible(frame, scene, folder):
 
 @finds("skyline")
 def _skyline(frame, scene, folder):
-    found = at.skyline(scene, frame.of(EYES), step=5.0, north=frame.north)
+    found = at.skyline(scene, frame.of(EYES), azimuth_step=5.0, north=frame.north)
     return Found({"n": len(found.azimuth)}, {"elevation": found.elevation, "highest": found.highest})
 
 
@@ -121,7 +121,7 @@ def _skyline(frame, scene, folder):
 def _shadow(frame, scene, folder):
     place = at.Place(52.0, 4.5, north=frame.north)
     found = at.shadow(scene, at="2026-06-21T15:00", place=place)
-    apart = at.shadow(scene, at="2026-06-21T15:00", place=place, by="object", footprints=False)
+    apart = at.shadow(scene, at="2026-06-21T15:00", place=place, per="object", footprints=False)
     cells = at.shadow(scene, at="2026-06-21T15:00", place=place, cell=0.25)
     hours = at.shadow(scene, days="2026-06-21", place=place, cell=0.5, classes=[0, 1, 2, 4, 8])
     exact = {"cells": np.sort(cells.columns["area"]), "classes": hours.columns["hours_from"]}
@@ -141,7 +141,7 @@ def _trees(frame, scene, folder):
     hours = at.sun_hours(planted, sensors, "2026-03-21", place=place)["sun_hours"]
     assert (hours < at.sun_hours(scene, sensors, "2026-03-21", place=place)["sun_hours"]).any()
     shade = at.shadow(planted, surface=scene, days="2026-06-21", place=place, cell=0.5).table["shadow_hours"]
-    skyline = at.skyline(planted, frame.of(EYES), step=5.0, north=frame.north)
+    skyline = at.skyline(planted, frame.of(EYES), azimuth_step=5.0, north=frame.north)
     exact = {"hours": hours, "bits": at.visibility_matrix(planted, sensors).bits, "shade": np.sort(shade)}
     return Found(exact, {"bounds": np.sort(frame.back(planted.bounds), axis=0), "elevation": skyline.elevation})
 
@@ -197,7 +197,9 @@ def _calendar(frame, scene, folder):
 @finds("sun_hours", "suns_of", "times_of")
 def _sun(frame, scene, folder):
     place = at.Place(52.0, 4.5, north=frame.north)
-    level = {} if frame.around else {"sky": 64}  # the directions of the sky lie on a spiral, which does not turn along
+    level = (
+        {} if frame.around else {"sky_view": 64}
+    )  # the directions of the sky lie on a spiral, which does not turn along
     table = at.sun_hours(scene, sensors_in(frame), "2026-03-21", place=place, energy=True, **level)
     rows = {name: column.values for name, column in table.columns.items()}
     if frame.around:
@@ -332,7 +334,7 @@ def test_tables_of_surfaces(per):
 
 def test_skylines_shift_by_a_quarter():
     found = {
-        name: at.skyline(scene_in(frame), frame.of(EYES), step=5.0, north=0.0)
+        name: at.skyline(scene_in(frame), frame.of(EYES), azimuth_step=5.0, north=0.0)
         for name, frame in {"first": FIRST, **TURNS}.items()
     }
     first = found.pop("first")
@@ -436,7 +438,7 @@ COMMANDS = {
     "viewshed": lambda f: ["-o", "out.csv", "--observer", triple(f, EYES[0])],
     "matrix": lambda f: ["-o", "out.npy"],
     "visible": lambda f: ["-o", "out.csv", "--turbine", triple(f, EYES[0]), "--hub-height", 2, "--rotor", 1],
-    "skyline": lambda f: ["-o", "out.csv", "--at", triple(f, EYES[0])],
+    "skyline": lambda f: ["-o", "out.csv", "--point", triple(f, EYES[0])],
     "shadow": lambda f: [
         "-o",
         "out.gpkg",

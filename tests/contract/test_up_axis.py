@@ -90,7 +90,7 @@ def test_results_name_the_axis(case, up):
 COMMANDS = {
     "sun": ("--latitude", "52", "--longitude", "4", "--days", "2026-06-21", "-o", "out.csv"),
     "shadow": ("--latitude", "52", "--longitude", "4", "--at", "2026-06-21T12:00", "-o", "out.gpkg"),
-    "skyline": ("--at", "5,5,0.5", "-o", "out.csv"),
+    "skyline": ("--point", "5,5,0.5", "-o", "out.csv"),
     "bake": ("-o", "out.glb", "--spp", "4"),
     "los": ("--from", "5,5,0.5", "--to", "5,6,0.5", "-o", "out.csv"),
 }

@@ -174,7 +174,7 @@ def test_a_sky_needs_ladybug(monkeypatch):
     [
         ({"vectors": [(0, 0, 0)]}, "vector 0 is zero"),
         ({"vectors": 3}, "vectors are 3"),
-        ({"normals": []}, "1 points and 0 normals"),
+        ({"normals": []}, "1 point and 0 normals"),
         ({"normals": [(np.nan, 0, 0)]}, "normals hold NaN"),
         ({"context_geometry": [3]}, "context_geometry holds a int"),
         ({"context_geometry": None}, "give a list of Face3D and Mesh3D"),

@@ -18,8 +18,9 @@ NAMES = [field.name for field in fields(RenderOptions)]
 
 OTHERS = {
     "spp": 4, "time": 1.5, "counters": True, "sampler": "halton", "seed": 3, "cull_faces": "back", "filter": True,
-    "antialias": False, "adaptive": 8, "bounce": 2, "bounce_step": 4, "ambient": False, "background": False,
-    "layers": True, "textures": False, "smooth_normals": False, "ground": -1.5,
+    "antialias": False, "adaptive": 8, "bounce": 2, "bounces": 3, "bounce_step": 4, "ambient": False,
+    "background": False, "layers": True, "textures": False, "materials": "diffuse",
+    "smooth_normals": False, "ground": -1.5,
 }  # fmt: skip
 """Option -> a value that is not the default."""
 
@@ -34,11 +35,13 @@ WRONG = {
     "antialias": (None, "antialias is None; it must be True or False"),
     "adaptive": (0, "adaptive is 0; it must be a whole number from 1 to 1024"),
     "bounce": (1.5, "bounce is 1.5; it must be a whole number from 1 to 1024"),
+    "bounces": (65, "bounces is 65; it must be a whole number from 1 to 64"),
     "bounce_step": (3, "bounce_step is 3; it must be 1, 2, 4 or 8"),
     "ambient": (0.12, "ambient is 0.12; it must be True or False"),
     "background": ("white", "background is 'white'; it must be True or False"),
     "layers": (0, "layers is 0; it must be True or False"),
     "textures": ([], "textures is []; it must be True or False"),
+    "materials": ("x", 'materials is \'x\'; it must be "pbr" or "diffuse"'),
     "smooth_normals": ("x", "smooth_normals is 'x'; it must be True or False"),
     "ground": (1e31, "ground (height) is 1e+31; it must lie between -1e+30 and 1e+30"),
 }

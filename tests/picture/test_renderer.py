@@ -162,6 +162,12 @@ def _accelerated(scene, plan):
     return scene.engine.with_options(plan, 1, None).accelerated()
 
 
+@pytest.mark.parametrize("frames", [0, -1, 1.5, True, "2", None])
+def test_expected_frames_are_a_positive_number(atrium, frames):
+    with pytest.raises(at.InputError, match=r"frames is .*; it must be a whole number from 1"):
+        at.Renderer(atrium).expect(frames)
+
+
 def test_plans_of_one_builder_share_what_it_built(atrium):
     """For one time, a builder's tree is built once. Only the tracer's own structure is made for each plan."""
     one, other = (_accelerated(atrium, plan) for plan in ("bsah+single", "bsah+multifrusta"))

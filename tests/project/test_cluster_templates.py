@@ -132,6 +132,9 @@ def test_kubernetes(shell):
     shell(*command[:-2])
     whole = (shell.folder / "city.csv").read_bytes()
     (shell.folder / "city.csv").unlink()
+    ignored, final = (rule["onExitCodes"]["values"] for rule in merge["spec"]["podFailurePolicy"]["rules"])
+    assert final == [2]
+    shell(*merging["command"], code=ignored[0])
     for i in range(spec["completions"]):
         shell("env", f"JOB_COMPLETION_INDEX={i}", *command)
     shell(*merging["command"])

@@ -1,5 +1,6 @@
 """The programs of the docs' gallery run, and the gallery's pictures belong to programs."""
 
+import json
 import subprocess
 import sys
 
@@ -12,7 +13,7 @@ sys.path.append(str(ROOT / "scripts"))  # gallery imports snippets
 gallery = tool(ROOT / "scripts" / "gallery.py")
 pages = tool(ROOT / "scripts" / "pages.py")
 PROGRAMS = {program.name: program for program in gallery.programs()}
-NEEDS = {"sun_hours": "pvlib", "sun_city": "pvlib", "day": "pvlib"}
+NEEDS = {"sun_hours": "pvlib", "sun_city": "pvlib", "day": "pvlib", "sun_film": "pvlib"}
 NEEDS |= {"ray_hierarchy": "matplotlib", "map_sheet": "matplotlib"}
 
 
@@ -72,18 +73,24 @@ def test_without_scenes_programs_are_skipped_with_a_line(tmp_path):
 
 def site(folder, body: str):
     """A site of one page, with an index of the words of `pages.WORDS`."""
-    names = sorted(set(pages.WORDS.values()))
-    terms = {word: names.index(page) for word, page in pages.WORDS.items()}
-    index = f'Search.setIndex({{"docnames": {names!r}, "terms": {terms!r}, "titleterms": {{}}}})'.replace("'", '"')
-    (folder / "searchindex.js").write_text(index)
+    first = pages.search_words.PAGES
+    names = sorted({*pages.WORDS.values(), *first.values()})
+    index = {
+        "docnames": names,
+        "terms": {word: names.index(page) for word, page in pages.WORDS.items()},
+        "titleterms": {},
+        "indexentries": {word: [[names.index(page), "", True]] for word, page in first.items()},
+    }
+    (folder / "searchindex.js").write_text(f"Search.setIndex({json.dumps(index)})")
     (folder / "page.html").write_text(f'<!doctype html><meta name="viewport" content="width=device-width">{body}')
     return folder
 
 
 def test_words_that_no_page_has_are_told(tmp_path):
     assert pages.search_faults(site(tmp_path, "")) == []
-    (tmp_path / "searchindex.js").write_text('Search.setIndex({"docnames": ["a"], "terms": {}, "titleterms": {}})')
-    assert len(pages.search_faults(tmp_path)) == len(pages.WORDS)
+    empty = {"docnames": ["a"], "terms": {}, "titleterms": {}, "indexentries": {}}
+    (tmp_path / "searchindex.js").write_text(f"Search.setIndex({json.dumps(empty)})")
+    assert len(pages.search_faults(tmp_path)) == len(pages.WORDS) + len(pages.search_words.PAGES)
 
 
 def test_pages_that_scroll_sideways_are_told(tmp_path):

@@ -35,11 +35,11 @@ LONG = counts("""
 
 UNDESCRIBED = counts("""
     all_hits:5 alpha_cutouts:5 binned_split:7 bit_matrices:1 block_tree:2 box_nodes:5 bundle:2 cell_marking:2
-    child_order:3 cone_hierarchy:3 counters:2 culling_grid:3 discontinuity_filter:2 edge_projection:2 filters:7
+    child_order:2 cone_hierarchy:3 counters:2 culling_grid:3 discontinuity_filter:2 edge_projection:2 filters:7
     frusta_areas:6 gbuffer:1 hit_intervals:2 horizon:1 instance_batches:1 instance_rays:3 instance_traversal:3
     irradiance:3 large_packets:4 lbvh:5 leaf_packing:5 least_heights:2 light_beams:7 light_list_irradiance:1
     light_samples:1 light_table:4 light_visibility:2 moeller_trumbore:6 morphological_antialiasing:4 morton_sort:3
-    multi_frusta:1 mutual_horizons:1 nearest_hits:5 nodes:1 occlusion_queries:3 packet16:3 paged_hits:1
+    multi_frusta:1 mutual_horizons:1 nearest_hits:5 occlusion_queries:3 packet16:3 paged_hits:1
     paged_source:1 pixel_appearance:2 pixel_hits:4 pixel_refinement:3 pixel_tests:3 pre_bvh_culling:3 predicate:17
     primary_frusta:8 primary_rays:5 published_frusta:7 query_bounds:1 raster_bins:5 raster_setup:1 rasteriser:5
     ray_batches:1 ray_bundles:9 ray_hits:2 ray_leaves:6 ray_passes:2 ray_split:5 ray_tile:4 ray_traversal:6
@@ -48,7 +48,7 @@ UNDESCRIBED = counts("""
     sun_tally:1 surface_crossing:5 surface_links:1 terrain_lanes:3 terrain_ray_lists:1 terrain_rays:1 tile:7
     tile_clusters:6 tile_group:4 tl_lbvh:13 top_down:5 top_levels:12 transmission:1 tree_layout:7 tree_parts:2
     tree_quality:8 triangle_bounds:4 triangle_setup:4 triangle_tests:2 triangle_traversal:11 walkthroughs:1
-    wide_bvh:5 wide_traversal:1
+    wide_bvh:2 wide_traversal:1
 """)
 """Module -> kernels of which a parameter has neither an annotation, nor is it named in the docstring or a comment."""
 

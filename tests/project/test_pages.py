@@ -3,6 +3,7 @@
 import inspect
 import json
 import re
+import shlex
 import sys
 
 import pytest
@@ -10,6 +11,7 @@ import pytest
 import antumbra as at
 from repository import ROOT, tool
 
+sys.path.append(str(ROOT / "scripts"))  # figures_page imports document_numbers
 DOCS = ROOT / "docs"
 words = tool(ROOT / "scripts" / "document_words.py")
 figures = tool(ROOT / "scripts" / "figures_page.py")
@@ -21,7 +23,7 @@ snippets = tool(ROOT / "scripts" / "snippets.py")
 
 def test_hand_written_pages_are_short():
     pages = words.pages()
-    assert {"README.md", "index.md", "rendering.md"} <= {page.name for page in pages} and len(pages) > 30
+    assert {"README.md", "index.md", "sun.md"} <= {page.name for page in pages} and len(pages) > 30
     assert 10_000 < sum(words.words(page.read_text(encoding="utf-8")) for page in pages) <= words.MOST
 
 
@@ -131,7 +133,8 @@ def test_wrong_elsewhere_has_the_kept_results():
 def test_every_function_has_an_example():
     """In Python blocks of pages, which scripts/check runs; except the viewer's, which waits for a browser."""
     code = "".join(snippets.program(page.read_text(encoding="utf-8")) for page in DOCS.glob("*.md"))
-    code += "".join(snippets.blocks((DOCS / "api.md").read_text(encoding="utf-8"), "py"))
+    reference = [page.read_text(encoding="utf-8") for page in (DOCS / "api").glob("*.md")]
+    code += "".join(snippets.program(text) + "".join(snippets.blocks(text, "py")) for text in reference)
     functions = [name for name in at.__all__ if inspect.isfunction(getattr(at, name))]
     assert len(functions) > 25
     assert [name for name in functions if not re.search(rf"\bat\.{name}\(", code)] == []
@@ -156,7 +159,7 @@ def test_errors_on_the_page_are_raised(extension):
 
 def test_generated_tables_list_the_registries(extension):
     registries = extension("registries")
-    assert {"`.glb`", "`.antumbra`"} <= {row[1] for row in registries.format_rows()}
+    assert {"`.glb`", "`.antumbra` `.tiles`"} <= {row[1] for row in registries.format_rows()}
     assert {"`bsah`", "`multifrusta`", "`auto`"} <= {row[0] for row in registries.method_rows()}
 
 
@@ -186,6 +189,42 @@ def test_pages_linked_from_the_readme_are_plain_markdown():
     for page in [ROOT / name for name in linked]:
         text = page.read_text(encoding="utf-8")
         assert not re.search(r"\[\]\(|^`{3,}\{|^:{3,}|\{[a-z:]+\}`", text, re.MULTILINE), page
+
+
+@pytest.mark.parametrize("page", sorted(path.stem for path in (DOCS / "jobs").glob("*.md") if path.stem != "cluster"))
+def test_job_pages_begin_with_the_work_as_a_command_and_in_python(page):
+    """The two blocks in a row are tabs on the site. (`cluster` is about all jobs.)"""
+    text = (DOCS / "jobs" / f"{page}.md").read_text(encoding="utf-8")
+    pairs = re.findall(r"^```sh\nantumbra .*?^```\n\n```(?:python|py)\nimport antumbra as at$", text, re.M | re.S)
+    first = text.index("```sh\n")
+    assert pairs and first < 1500 and "```" not in text[:first]
+
+
+def test_a_command_and_the_python_after_it_become_tabs(extension):
+    nodes = pytest.importorskip("docutils.nodes", reason="tabs are NOT checked without docutils")
+    pytest.importorskip("sphinx_design", reason="tabs are NOT checked without sphinx-design")
+    new_document = pytest.importorskip("docutils.utils").new_document
+
+    page = new_document("page")
+    kinds = ["python", "sh", "python", "sh", "text", "python", "sh"]
+    blocks = [nodes.literal_block("", f"{k}", language=kind) for k, kind in enumerate(kinds)]
+    words = nodes.paragraph("", "between")
+    page += [*blocks[:3], words, *blocks[3:]]
+    extension("code_tabs").join_blocks(None, page)
+    tabs = [node for node in page.children if isinstance(node, nodes.container)]
+    assert [tab.astext().split() for tab in tabs] == [["Command", "line", "1", "Python", "2"]]
+    assert [node.astext() for node in page.children if node is not tabs[0]] == ["0", "between", "3", "4", "5", "6"]
+
+
+def test_long_commands_break_before_options_and_remain_the_same_command(extension):
+    broken = extension("long_commands").broken
+    long = (
+        'antumbra sun "procedural:city?triangles=100k" --latitude 52 --sheet title="A - b" --days 2026-06-21 -o a.tif'
+    )
+    lines = broken(long).splitlines()
+    assert len(lines) == 2 and max(map(len, lines)) <= 86 and lines[1].startswith("    --")
+    assert shlex.split(broken(long).replace("\\\n", "")) == shlex.split(long)
+    assert broken("antumbra render") == "antumbra render" and broken(f"{long}  # why") == f"{long}  # why"
 
 
 def test_links_have_texts():

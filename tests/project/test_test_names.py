@@ -33,12 +33,12 @@ THROUGH = {
     """,
     "frames, points and rays of an engine": """
         engine/sources/paged_hits engine/sources/point_shadows engine/refitted_rays engine/visibility
-        engine/joined_store_tree picture/frame_passes lab/culling_picture
+        engine/joined_store_tree lab/culling_picture
     """,
     "files and arrays that load, from_raster, from_footprints and from_trees read": """
         city/gis/gis_scenes city/gis/csv_rows formats/json_fields formats/ply_rows
-        formats/reprojection city/cityjson/cityjson_file city/gis/footprint_solids
-        city/gis/gis_data city/gis/height_arrays city/gis/height_tiles city/gis/vector_table
+        formats/reprojection city/gis/footprint_solids
+        city/gis/height_tiles city/gis/vector_table
         city/gis/vrt_files formats/gltf/accessors
     """,
     "the records of kernels, which its calls make": """
@@ -51,7 +51,7 @@ THROUGH = {
         trace/frusta/frusta_areas trace/terrain/terrain_sweep
     """,
     "scenes that are loaded, joined and updated": """
-        base/pickles scene/map_degrees scene/moved_geometry scene/raster
+        base/pickles scene/map_degrees scene/moved_geometry
     """,
     "stores that are built and read": """
         store/chunk_sorting
@@ -59,7 +59,8 @@ THROUGH = {
     "the study of the folder": """
         city/sight/line_points city/shadow/plane_projection city/shadow/shadow_polygons
         city/skyline/edge_projection city/tables/surface_columns city/tables/polygon_files city/pv/modules
-        city/pv/pv_options city/sight/observers city/sun/route_options baking/emission city/gis/height_grounds
+        city/pv/pv_options city/sight/observers city/sun/route_options baking/emission
+        scene/height_surveys
     """,
     "commands": """
         cli/picture_report city/sun/calendar_command city/sun/route_command picture/picture_records web/page_command

@@ -85,3 +85,65 @@ def true_shadows(triangles, query) -> tuple[np.ndarray, np.ndarray]:
         along = oracle.minus(oracle.rational(ends[i]), oracle.rational(origins[i]))
         truth[y[i], x[i], s[i]] = any(meets(triangles, origins[i], along, int(f)) for f in np.flatnonzero(row))
     return truth, active
+
+
+# --- Scenes of all kinds of faces that let light pass -----------------------------------------------------------------
+
+
+def with_masks(n, masks, seed=1):
+    """A scene of cards, each of which has a mask, above a floor."""
+    rng = np.random.default_rng(seed)
+    cards = rng.uniform((-3, 0, -3), (3, 2.5, 3), (n, 1, 3)) + rng.normal(0, 0.7, (n, 3, 3))
+    floor = np.array([[[-9, -1, -9], [-9, -1, 9], [9, -1, 9]], [[-9, -1, -9], [9, -1, 9], [9, -1, -9]]])
+    scene = Scene.from_arrays(np.concatenate([cards, floor]), name="cards")
+    uv = rng.uniform(-1.5, 2.5, (n + 2, 3, 2)).astype(np.float32)
+    mask = np.append(rng.integers(0, len(masks), n), [-1, -1]).astype(np.int32)
+    scene.data.cutouts = cutouts_of(uv, mask, masks)
+    return scene
+
+
+def pane(share, **fields):
+    return AlphaMask(np.zeros((1, 1), np.uint8), np.broadcast_to(np.float64(share), (1, 3)), (CLAMP, CLAMP), **fields)
+
+
+def seasonal(rng):
+    months = np.repeat(rng.uniform(0.2, 1.0, (12, 1, 1)), 3, 2)
+    return pane(months.mean(0), months=months)
+
+
+def without_floor():
+    """All faces let light pass, so that chunks have none."""
+    scene = with_masks(40, MASKS)
+    mask = np.full(scene.n_triangles, 0, np.int32)
+    scene.data.cutouts = cutouts_of(np.tile(np.float32([[0, 0], [3, 0], [0, 3]]), (len(mask), 1, 1)), mask, MASKS[:1])
+    assert not len(scene.cutouts.solid)
+    return scene
+
+
+def hidden():
+    """Some faces are not there: the first, cut-outs and solid ones."""
+    scene = scene_with_cutouts(90)
+    gone = np.random.default_rng(3).random(scene.n_triangles) < 0.3
+    gone[0], gone[-2:] = True, False
+    return Scene.of_data(scene.data.hiding(gone))
+
+
+OPEN_SCENES = {
+    "holes": lambda: scene_with_cutouts(90),
+    "panes": lambda: with_masks(80, [pane(0.9), pane(0.6), pane(0.3)]),
+    "coloured glass": lambda: with_masks(80, [pane((0.9, 0.5, 0.7)), pane(0.8)]),
+    "crowns": lambda: with_masks(80, [pane(0.7, closed=True), *MASKS[:2]]),
+    "seasons": lambda: with_masks(80, [seasonal(np.random.default_rng(2)), MASKS[0], pane(0.6)]),
+    "without solid faces": without_floor,
+    "hidden faces": hidden,
+}
+
+
+def rays(n=1500, seed=5):
+    rng = np.random.default_rng(seed)
+    return rng.uniform((-3, -0.5, -3), (3, 3, 3), (n, 3)), rng.normal(size=(n, 3)) * 10.0 ** rng.uniform(-2, 2, (n, 1))
+
+
+def same(found, right):
+    for a, b in zip(found, right, strict=True):
+        np.testing.assert_array_equal(a, b)

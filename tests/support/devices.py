@@ -30,12 +30,14 @@ def opened(name: str, max_memory: int | None = None) -> Device:
 def device_plans(text: bool = False) -> list[Any]:
     """Parameters of tests: plans that trace on the host device and by OpenCL, which skips loudly without a driver.
 
+    The CPU builds the tree of `bsah`, and the device that of `lbvh`.
+
     text : as strings instead of plans
     """
-    plans = {name: f"bsah+device:{name}:0" for name in DEVICES[:2]}
+    plans = [(name, f"{build}+device:{name}:0") for build in ("bsah", "lbvh") for name in DEVICES[:2]]
     return [
         pytest.param(plan if text else parse_plan(plan), id=plan, marks=pytest.mark.device(name))
-        for name, plan in plans.items()
+        for name, plan in plans
     ]
 
 

@@ -31,11 +31,15 @@ class ForgedStore:
         self.meta = json.loads(directory[start + m * NODE_BYTES :][:size])
         rows = self.table[["offset", "bytes", "triangles", "nodes", "colours"]].tolist()
         self.chunks = [np.frombuffer(data, np.uint8, size, at).copy() for at, size, *_ in rows]
+        offset, size, *_ = self.meta.get("heights") or (0, 0)
+        self.heights = data[offset : offset + size]
+        offset, size, *_ = self.meta.get("cutouts") or (0, 0)
+        self.cutouts = data[offset : offset + size]
         self.arrays = []
         for chunk, (_, _, *numbers) in zip(self.chunks, rows):
-            bvh, palette, palette_rows = chunk_views(chunk, *numbers)
+            tree, palette, palette_rows = chunk_views(chunk, *numbers)
             self.arrays.append(
-                dict(zip(ARRAYS, (bvh.nodes, bvh.links, bvh.corners, bvh.prim_ids, palette, palette_rows)))
+                dict(zip(ARRAYS, (tree.nodes, tree.links, tree.corners, tree.prim_ids, palette, palette_rows)))
             )
 
     def seal(self):
@@ -44,10 +48,20 @@ class ForgedStore:
             self.table["crc"][k], self.table["root"][k] = zlib.crc32(chunk), self.arrays[k]["nodes"][0]
         return self
 
+    def change_heights(self, change):
+        """Replace float32 heights by others, with correct checksums."""
+        _, _, (*_, rows, columns), _, crcs = self.meta["heights"]
+        z = np.frombuffer(self.heights, np.float32, rows * columns).reshape(rows, columns)
+        changed = np.asarray(change(z), np.float32).tobytes()
+        self.heights = changed + self.heights[len(changed) :]
+        size = 256 * columns * 4
+        crcs[:] = [zlib.crc32(self.heights[k * size : (k + 1) * size]) for k in range(len(crcs))]
+
     @property
     def data(self) -> bytes:
         """The bytes of the file, with the header's and the directory's correct checksums."""
-        meta, body = json.dumps(self.meta).encode(), b"".join(chunk.tobytes() for chunk in self.chunks)
+        body = b"".join(chunk.tobytes() for chunk in self.chunks) + self.heights + self.cutouts
+        meta = json.dumps(self.meta).encode()
         counts = {"chunks": len(self.table), "nodes": len(self.top), "metadata": len(meta)} | self.counts
         directory = COUNTS.pack(*counts.values()) + self.table.tobytes() + self.top.tobytes() + meta
         directory = directory.ljust(pages(len(directory)), b"\0")

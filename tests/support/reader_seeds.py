@@ -101,8 +101,11 @@ def _frames(folder: Path) -> None:
     (folder / "walk" / "info.json").write_text('{"times": [0, 1, 2]}')
 
 
-def _store(folder: Path) -> None:
-    build_store(at.procedural("atrium", triangles=1000), folder / "a.antumbra", progress=False)
+def _store(name: str) -> Callable[[Path], Any]:
+    def write(folder: Path) -> None:
+        build_store(at.procedural("atrium", triangles=1000), folder / name, progress=False)
+
+    return write
 
 
 def _points(name: str) -> Callable[[Path], Any]:
@@ -158,7 +161,9 @@ SEEDS = {
     "trees.csv": Seed(_trees, "trees.csv", _read_trees),
     **{f"{name} of frames": Seed(_frames, "walk", damaged=f"walk/{name}")
        for name in ("frames.npy", "faces.npy", "info.json")},
-    "a.antumbra": Seed(_store, "a.antumbra"),
+    "a.antumbra": Seed(_store("a.antumbra"), "a.antumbra"),
+    "a.tiles": Seed(_store("a.tiles"), "a.tiles"),
+    "a tile": Seed(_store("a.tiles"), "a.tiles", damaged="a-0000.antumbra"),
     **{f"points{suffix}": Seed(_points(f"p{suffix}"), f"p{suffix}", read_points)
        for suffix in (".csv", ".npy", ".npz", ".parquet")},
     **{f"sky{suffix}": Seed(_sky(f"s{suffix}"), f"s{suffix}", read_environment) for suffix in (".hdr", ".exr")},

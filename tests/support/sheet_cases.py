@@ -84,7 +84,7 @@ def reports():
     cases |= {"viewshed": of_table(hills(), "seen"), "raster in feet": of_table(roofs("us-ft"), "sun_hours")}
     faces = at.sun_hours(site(), "face", "2026-03-21", place=PLACE, step=240)
     cases["faces"] = of_table(faces, "sun_hours")
-    sky = at.skyline(site(), [[0.0, 0.0, 1.6]], step=5.0)
+    sky = at.skyline(site(), [[0.0, 0.0, 1.6]], azimuth_step=5.0)
     cases["skyline"] = lambda sheet: horizon_report(sky, 0, PLACE)
     return cases
 

@@ -4,11 +4,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from antumbra.bvh.compact_tree import bvh_of
 from antumbra.bvh.nodes import Bvh
 from antumbra.bvh.tree_quality import validate
 from antumbra.engine.scene import Scene
 from antumbra.engine.store_building import build_store
 from antumbra.scene.mesh import Piece
+from antumbra.store.store_build import write_store
 from antumbra.store.store_file import Store, open_store
 
 CHUNK = 64  # triangles, so that small scenes have many chunks and are sorted in files
@@ -62,8 +64,8 @@ def contents(store: Store) -> Contents:
     found = Contents(np.zeros((n, 3, 3), np.float32), np.zeros((n, 3), np.float32), np.zeros(n, int))
     for k in range(len(store)):
         chunk = store.chunk(k)
-        ids = chunk.bvh.prim_ids
-        found.vertices[ids], found.colours[ids] = chunk.bvh.corners.reshape(-1, 3, 3), chunk.palette[chunk.palette_rows]
+        ids, corners = chunk.tree.prim_ids, chunk.tree.corners.reshape(-1, 3, 3)
+        found.vertices[ids], found.colours[ids] = corners, chunk.palette[chunk.palette_rows]
         found.times[ids] += 1
     return found
 
@@ -90,12 +92,13 @@ def check_whole(store: Store, scene: Scene) -> None:
 
 
 def _check_chunk(store, k, vertices):
-    bvh, chunks = store.chunk(k).bvh, store.chunks
+    tree, chunks = store.chunk(k).tree, store.chunks
+    bvh = bvh_of(tree)
     ids = np.sort(bvh.prim_ids)
     validate(bvh._replace(prim_ids=np.searchsorted(ids, bvh.prim_ids).astype(np.int32)), vertices[ids])
     own = vertices[ids]
     assert (chunks.box[k] == [*own.min((0, 1)), *own.max((0, 1))]).all()
-    assert same_bits(chunks.root[k], bvh.nodes[0]) and len(bvh.nodes) == chunks.nodes[k]
+    assert same_bits(chunks.root[k], tree.nodes[0]) and len(tree.nodes) == chunks.nodes[k]
     assert len(np.unique(store.chunk(k).palette, axis=0)) == len(store.chunk(k).palette) == chunks.colours[k]
 
 
@@ -107,6 +110,11 @@ def _check_top(store):
     diagonals = np.stack([boxes[:, :3], boxes[:, 3:], boxes[:, :3]], axis=1)
     bvh = Bvh(store.top.nodes, store.top.links, np.arange(len(store), dtype=np.int32), diagonals.reshape(-1, 9).copy())
     validate(bvh, diagonals)
+
+
+def with_small_chunks(units, path, max_memory, threads, chunk, progress, stages, tile):
+    """`write_store` as `engine.store_building` calls it, with so small chunks that small scenes have several units."""
+    return write_store(units, path, max_memory, threads, 16, progress, stages=stages, tile=tile)
 
 
 def built(tmp_path, *scenes, name="a.antumbra", chunk=CHUNK, **options) -> Store:

@@ -1,5 +1,7 @@
 """What a clicked point sees."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -70,3 +72,24 @@ def test_lines_end_at_lights_and_blockers(model):
     np.testing.assert_allclose(lines[1], [found.sights[0].at, found.sights[0].end])
     lit, yellow = sight_lines(probe(model, np.array([0.0, 9.0, 4.0]), DOWN))
     assert len(lit) == 2 and (yellow == yellow[0, 0]).all() and (yellow[0, 0] != colours[0, 0]).any()
+
+
+def test_the_answer_begins_with_a_sentence(model):
+    shaded = probe(model, np.array([0.0, 9.0, -1.2]), DOWN)
+    assert re.search(r"In the shade of box &amp; floor\. Sees \d+ % of the sky\.", describe_point(shaded))
+    lit = probe(model, np.array([0.0, 9.0, 4.0]), DOWN)
+    assert "In the sun. Sees " in describe_point(lit) and 0.9 < lit.sky < 1.0
+    away = probe(model, np.array([0.0, 1.0, -9.0]), np.array([0.0, 0.0, 1.0]))
+    assert "Faces away from the sun. " in describe_point(away) and 0.3 < away.sky < 0.55  # a wall sees half of the sky
+    roof = probe(model, np.array([0.0, 9.0, 0.0]), DOWN)
+    assert roof is None or roof.sky == 1.0
+    model.switch("sun", False)
+    assert describe_point(probe(model, np.array([0.0, 9.0, 4.0]), DOWN)).count("sun") == 0
+
+
+def test_points_on_a_free_floor_see_the_whole_sky():
+    for up, down in ("y", DOWN), ("z", np.array([0.0, 0.0, -1.0])):
+        corners = np.array([[-5, 0, 5], [5, 0, 5], [5, 0, -5], [-5, 0, -5]], float)
+        corners = corners if up == "y" else corners[:, [0, 2, 1]] * [1, -1, 1]
+        floor = at.Scene.from_arrays(corners, [[0, 1, 2], [0, 2, 3]], up=up)
+        assert probe(Model(floor), -4.0 * down, down).sky == 1.0

@@ -36,8 +36,11 @@ def brightness(picture, row, column):
 
 def test_the_picture_is_the_one_that_render_makes(model, camera):
     picture = trace_picture(model, camera, FINE)
-    frame = at.render(model.scene, camera, SUN, spp=4, filter=True)
+    frame = at.render(model.scene, camera, SUN, spp=4, filter=True, ground=True)
     assert (picture.image == screen_picture(frame, model.exposure)).all() and picture.rays == frame.rays
+    assert frame.ground is not None and model.ground(camera) == model.scene.ground_height()
+    inside = at.Camera((0.0, 0.5, 0.0), (0.0, 0.5, -1.0))
+    assert model.ground(inside) is False
 
 
 def test_behind_a_scene_without_a_sky_is_daylight_as_in_png_files(model):

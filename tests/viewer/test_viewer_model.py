@@ -81,3 +81,14 @@ def test_the_first_camera_is_the_one_that_is_given(model):
     assert (model.first_camera(40, 30).position == CAMERA.position).all()
     own = Model(box_on_floor()).first_camera(40, 30)
     assert (own.position == box_on_floor().default_camera(40, 30).position).all()
+
+
+def test_the_day_begins_and_ends_with_the_sun():
+    place = at.Place(52.0, 4.36, timezone="Europe/Amsterdam")
+    model = Model(box_on_floor(), place=place)
+    hours = model.daylight("2026-06-21", 0.5)
+    assert (hours[0], hours[-1]) == (5.5, 21.5) and len(hours) == 33
+    assert all(model.aim_sun_at("2026-06-21", hour)[1] > 0.0 for hour in hours)
+    assert model.daylight("2026-12-21", 0.5)[0] == 9.0
+    assert model.follows_sun and not Model(box_on_floor(), [SUN], place=place).follows_sun
+    assert not Model(box_on_floor()).follows_sun

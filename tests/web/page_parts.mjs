@@ -63,6 +63,7 @@ const calls = {
     return { ticks: scale.ticks, colours: values.map((value) => scale.colour(value)) };
   },
   sentence: ({ place, date, altitude, blocked, names, language, ...found }) => {
+    if (!place) return sentenceOf(found, null, altitude, WORDS[language], (face) => names[face] ?? "");
     const day = dayOf(place, date, "z");
     const local = (k) => (day.starts[k] - day.starts[0]) / 3600;
     const spanOf = (k) => blocked.findIndex(([from, to]) => local(k) >= from && local(k) < to);

@@ -271,6 +271,19 @@ def test_the_sun_follows_the_slider_and_the_date(chromium, written):
     assert opened.faults == []
 
 
+def test_the_day_plays_once_and_the_first_picture_returns(chromium, written):
+    expect = pytest.importorskip("playwright.sync_api").expect
+    opened = Opened(chromium, written[1], link="?play")
+    opened.page.wait_for_selector(FIRST)
+    first = str(json.loads(opened.page.locator("#scene").text_content())["minute"])
+    expect(opened.page.locator("#first")).not_to_have_value(first, timeout=20_000)
+    assert opened.page.locator("#play").get_attribute("aria-label") == "Stop"
+    opened.page.locator("#first").evaluate("slider => { slider.value = '1170' }")  # 19:30, after sunset
+    expect(opened.page.locator("#first")).to_have_value(first, timeout=20_000)
+    assert opened.page.locator("#play").get_attribute("aria-label") == "Play the day"
+    assert opened.angles()[0] > 0 and opened.faults == []
+
+
 def test_keys_move_the_view_and_ask(chromium, written):
     opened = Opened(chromium, written[1])
     opened.page.wait_for_selector(FIRST)

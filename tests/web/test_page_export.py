@@ -14,6 +14,7 @@ import pytest
 import antumbra as at
 from antumbra.base.errors import InputError
 from antumbra.picture.heat_maps import RAMP, linear_scale
+from antumbra.scene.height_tints import height_tints
 from antumbra.sun.location import Place, parse_zone
 from antumbra.sun.sun_positions import solar_angles, times_of
 from antumbra.web import page_export
@@ -194,6 +195,21 @@ def test_a_page_holds_both_states_and_shares_equal_faces(tmp_path):
         assert len(set(about["digest"].split(" / "))) == 2
         sizes.append(arrays["positions"].size)
     assert sizes[0] == sizes[1]
+
+
+@needs_linker
+@needs_node
+def test_pages_tint_terrain_as_pictures_do(tmp_path):
+    heights = np.linspace(0.0, 5.0, 7)[:, None] + np.zeros(9)
+    scene = at.from_raster((heights, (2.0, 0.0, 80_000.0, 0.0, -2.0, 450_000.0)))
+    write_page(scene, tmp_path / "slope.html", OPTIONS)
+    text = (tmp_path / "slope.html").read_text(encoding="utf-8")
+    columns = json.loads(part_of(text, SCENE))["columns"]
+    asked(tmp_path, {"call": "columns", "data": part_of(text, DATA), "columns": columns})
+    kinds = {each["name"]: each["type"] for each in columns}
+    colours, rows = (np.fromfile(tmp_path / name, kinds[name]) for name in ("colours", "colourOf"))
+    expected = height_tints(scene.data, scene.triangles().vertices.mean(1))
+    assert np.array_equal(colours.reshape(-1, 3)[rows], expected) and len(np.unique(expected, axis=0)) > 8
 
 
 @needs_linker

@@ -10,6 +10,8 @@ import pytest
 import antumbra as at
 from antumbra.city.sensors.surface_grid import grid_sensors
 from antumbra.sun.location import Place
+from antumbra.viewer.control_panel import describe_point
+from antumbra.viewer.gizmos import Face, Probe, Sight
 from antumbra.web.page_export import PageOptions, write_page
 from web_pages import DATA, SCENE, asked, needs_linker, needs_node, part_of, scene_of_towers
 
@@ -228,6 +230,27 @@ def test_answers_are_sentences_in_both_languages(tmp_path):
         "Von der Sonne abgewandt. 8 h 35 min Sonne am 21. März, verschattet von 06:50 bis 08:00 Uhr und von "
         "14:10 bis 16:25 Uhr; 37 % des Himmels sichtbar.",
     ]
+
+
+@needs_node
+def test_a_click_has_the_same_answer_on_a_page_and_in_the_viewer(tmp_path):
+    tower, own = (Face(k, name, np.zeros((3, 3))) for k, name in enumerate(("Tower A", "")))
+    other = own._replace(index=2)
+    cases = [(SEEN, None, 1.0), (BLOCKED, tower, 0.0), (BLOCKED, other, 0.0), (BEHIND, own, 0.0), (None, None, 0.0)]
+    call = {"call": "sentence", "place": None, "language": "en", "names": ["Tower A"], "sky": 0.372}
+    calls, shown = [], []
+    for state, blocker, share in cases:
+        light = {
+            "altitude": None if state is None else 30.0,
+            "now": state,
+            "nowBlocker": blocker.index if blocker else -1,
+        }
+        calls.append({**call, **light})
+        sun = None if state is None else Sight("sun", share, 16, np.zeros(3), blocker, None)
+        probe = Probe(np.zeros(3), np.array([0.0, 0.0, 1.0]), own, [] if sun is None else [sun], 0.372, sun)
+        shown.append(re.findall(r"<div[^>]*>(.*?)<br>", describe_point(probe))[0])
+    assert asked(tmp_path, *calls) == shown and len(set(shown)) == len(cases)
+    assert shown[0] == "In the sun. Sees 37 % of the sky." and shown[1].startswith("In the shade of Tower A. ")
 
 
 @needs_node

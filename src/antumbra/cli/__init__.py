@@ -8,7 +8,8 @@
 - `view_command`: ``antumbra view``, a scene in the browser
 - `study_run`: what the commands of all studies share; each declares the rest
 - `shards`: the options --shard and --ray, and ``antumbra merge``
-- `scene_commands`: ``antumbra info``, ``scenes``, ``formats`` and ``build``
+- `scene_commands`: ``antumbra info``, ``scenes`` and ``formats``
+- `build_command`: ``antumbra build``
 - `installation_commands`: ``antumbra doctor``, ``warmup`` and ``plans``
 - `vegetation_options`: ``--trees``, a file of plants that commands add to a scene
 - `scene_arguments`: the argument SCENE with its options, and opening the scene; `arguments`: parses other texts

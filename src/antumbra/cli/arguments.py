@@ -239,6 +239,15 @@ def parse_point(text: str, option: str) -> NDArray[np.float64]:
     return _vector(text, option)
 
 
+def parse_bounds(text: str) -> tuple[float, ...]:
+    """Parse ``X0,N0,X1,N1``: the lowest and the highest easting and northing."""
+    with _named(f"--bounds {text}"):
+        numbers = tuple(parse_number(each, "a coordinate") for each in text.split(","))
+        if len(numbers) != 4 or not (numbers[0] <= numbers[2] and numbers[1] <= numbers[3]):
+            raise InputError("write X0,N0,X1,N1, west and south before east and north")
+        return numbers
+
+
 def parse_interval(text: str, option: str) -> tuple[float, float]:
     """Parse two numbers ``FROM:TO``."""
     first, colon, last = text.partition(":")

@@ -55,8 +55,8 @@ class BakeCommand(StudyCommand[BakeOptions, "Baked"]):
     \b
     Examples
       antumbra bake temple.glb -o temple_ao.glb
-      antumbra bake temple.glb -o temple_ao.glb --texture 2048 --bits 16
-      antumbra bake hall.glb -o hall_lit.glb --what light --sky 0.5 --bounces 3 --texture 2048 --exr
+      antumbra bake temple.glb -o temple_ao.glb --texture 2048 --bit-depth 16
+      antumbra bake hall.glb -o hall_lit.glb --what light --open-sky 0.5 --bounces 3 --texture 2048 --exr
       antumbra bake city.ply --up z -o city.glb --what sun --light sun:1,0.5,-1
       antumbra bake robot.glb -o robot.glb --attribute _AO --radius 0.5
     """
@@ -77,7 +77,7 @@ class BakeCommand(StudyCommand[BakeOptions, "Baked"]):
         bool, typer.Option("--vertex", help="Bake values at vertices (the default)."), ListedBefore("attribute")
     ] = False
     light: Annotated[PictureLightOption, ListedBefore("exposure")] = None
-    sky: Annotated[
+    open_sky: Annotated[
         float | None,
         typer.Option(help="For light: add the irradiance of an open sky.", metavar="LUX", show_default=False),
     ] = None
@@ -94,8 +94,8 @@ class BakeCommand(StudyCommand[BakeOptions, "Baked"]):
             raise InputError("--vertex and --texture exclude each other; leave one of them out")
         if self.page is not None and self.options.texture is not None:
             raise InputError("--page shows values at vertices; leave --texture out")
-        if self.sky is not None and self.options.what != "light":
-            raise InputError("--sky belongs to --what light; leave it out")
+        if self.open_sky is not None and self.options.what != "light":
+            raise InputError("--open-sky belongs to --what light; leave it out")
         replace(self.options, lights=[light for light in self._lights() if not isinstance(light, int)] or None)
 
     def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], Baked | None]":
@@ -123,7 +123,7 @@ class BakeCommand(StudyCommand[BakeOptions, "Baked"]):
         from ..scene.lights import AmbientOcclusion
         from ..scene.sky import Sky
 
-        sky = [] if self.sky is None else [AmbientOcclusion(intensity=self.sky)]
+        sky = [] if self.open_sky is None else [AmbientOcclusion(intensity=self.open_sky)]
         if not self.light and not sky:
             return None
         lights = make_lights(self._lights(), scene, self.options.time) if self.light or scene.lights else []

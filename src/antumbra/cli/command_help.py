@@ -23,10 +23,10 @@ PANELS: dict[str, tuple[str, ...]] = {
     "Output": ("output", "html", "json", "quiet"),
     "Map": ("map", "sheet", "column"),
     "Quality": (),
-    "Animation": ("frames", "fps", "overwrite"),
+    "Animation": ("frames", "fps", "overwrite", "camera_path"),
     "Scene": ("up", "trees"),
     "Place": ("crs", "latitude", "longitude", "north", "timezone", "curvature", "refraction", "earth_radius"),
-    "Speed": ("plan", "explain_plan"),
+    "Speed": ("plan", "explain_plan", "srdh_rays"),
     "Machines": ("shard", "ray", "merge"),
 }
 """Title -> its parameters, besides those that name a title themselves. All others are listed under "Options"."""
@@ -44,6 +44,19 @@ _NAMES = {
     "float": "NUMBER",
     "float range": "NUMBER",
 }
+"""Type of Python -> the name of such a value in help."""
+_VALUES = {
+    "plan": "PLAN",
+    "sensors": "SENSORS",
+    "column": "NAME",
+    "crs": "CRS",
+    "timezone": "ZONE",
+    "step": "MINUTES",
+    "time": "SECONDS",
+    **dict.fromkeys(("north", "latitude", "longitude"), "DEGREES"),
+    **dict.fromkeys(("spacing", "eye_height", "earth_radius"), "LENGTH"),
+}
+"""Option -> the name of its value in the help of every command."""
 
 
 class Program(ParsedOnce, TyperGroup):
@@ -116,6 +129,8 @@ class HelpfulCommand(ParsedOnce, TyperCommand):
         sections: dict[str, list[Any]] = {title: [] for title in PANELS}
         for param in params:
             sections[_title(param) if grouped or param.param_type_name == "argument" else "Options"].append(param)
+        if [param.name for param in sections["Options"]] == ["help"]:
+            sections["Output"] += sections.pop("Options")
         return {title: params for title, params in sections.items() if params}
 
     def _records(self, params: list[Any], ctx: Any) -> list[tuple[str, str]]:
@@ -140,7 +155,7 @@ def _name_value(param: Any, ctx: Any) -> None:
         return
     kind = str(param.display_type(ctx) or "").strip("<>[]{}")
     name = kind.removeprefix("list[").removesuffix("]").removesuffix(" range")
-    param.metavar = _NAMES.get(name, name if "|" in name else None)
+    param.metavar = _VALUES.get(param.name) or _NAMES.get(name, name if "|" in name else None)
 
 
 def _with_words(text: str) -> str:
@@ -173,10 +188,19 @@ def _write_lines(formatter: Any, records: list[tuple[str, str]]) -> None:
     column = min(max(len(names) for names, _ in records), _WIDEST)
     for names, text in records:
         room = formatter.width - 4 - max(column, len(names))
-        formatter.write(f"  {names:{column}}  {textwrap.shorten(_first_sentence(text), room, placeholder=' …')}\n")
+        formatter.write(f"  {names:{column}}  {_cut(_first_sentence(text), room)}\n")
 
 
 def _first_sentence(text: str) -> str:
     """The first sentence of an option's help, without its default and limits."""
     text = re.sub(r"\s+\[[^][]*\]$", "", " ".join(text.split()))
     return re.split(r"(?<=[a-z0-9)])\. ", text)[0].rstrip(".")
+
+
+def _cut(text: str, room: int) -> str:
+    """A text that fits, cut after a clause or an item of a list if that leaves more than half of the room."""
+    short = textwrap.shorten(text, room, placeholder=" …")
+    if short == text:
+        return text
+    clause = max(short.rfind(mark) for mark in (", ", "; ", ": "))
+    return f"{short[: clause + 1]} …" if 2 * clause > room else short

@@ -16,6 +16,7 @@ import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
+from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any, Self, TextIO
 
 import typer
@@ -147,11 +148,6 @@ def print_table(
     for i, header in enumerate(headers):
         table.add_column(header, justify="right" if i in right else "left", overflow="fold")
     _print_rows(table, rows, width)
-
-
-def size_in_memory(n: int) -> str:
-    """Bytes as text: 12.3 MB."""
-    return f"{n / 1e6:,.1f} MB"
 
 
 def vector(values: Iterable[float]) -> str:
@@ -410,7 +406,8 @@ def explained(error: BaseException) -> tuple[str, int]:
     if isinstance(error, _UsageError):
         context = getattr(error, "ctx", None)
         command = context.command_path if context else "antumbra"
-        return f"{_usage(error)}; see {command} --help", BAD_INPUT
+        usage = _usage(error)
+        return f"{usage}{'' if usage.endswith('?') else ';'} see {command} --help", BAD_INPUT
     if isinstance(error, MemoryError):
         return "not enough memory; reduce --size or --spp, or use a smaller scene", UNFORESEEN
     if isinstance(error, OSError):  # such as standard output on a full disk
@@ -465,9 +462,29 @@ _WORDS = (
 )
 
 
+# Typer's messages about words -> this package's messages.
+_USES = (
+    (r"Missing (?:option|argument|parameter) '([^']*)'.*", r"\1 is missing"),
+    (r"No such command '?([^']*?)'?", r"there is no command \1"),
+    (r"No such command '([^']*)'\. Did you mean '([^']*)'.*", r"there is no command \1; did you mean \2?"),
+    (r"Missing command", r"name a command"),
+    (r"Option '([^']*)' requires an argument", r"\1 lacks its value"),
+    (r"Option '([^']*)' requires (\d+) arguments", r"\1 takes \2 values"),
+    (r"Got unexpected extra argument(?:s|\(s\))? \((.*)\)", r"\1: unexpected; options begin with --"),
+)
+
+
 def _usage(error: Any) -> str:
     """Typer's error about a value, worded like other errors: ``--spp is 'x'; it must be a whole number``."""
+    if (name := getattr(error, "option_name", None)) and hasattr(error, "possibilities"):
+        similar = error.possibilities or ()
+        likely = [each for each in similar if each.startswith(name)] or get_close_matches(name, similar, 1)
+        hint = f"; did you mean {likely[0]}?" if likely else ""
+        return f"there is no option {name}{hint}"
     message: str = error.format_message().rstrip(".")
+    for pattern, words in _USES:
+        if match := re.fullmatch(pattern, message):
+            return match.expand(words)
     option = next((o for o in getattr(getattr(error, "param", None), "opts", ()) if o.startswith("--")), None)
     for pattern, words in _WORDS:
         match = re.fullmatch(pattern, str(getattr(error, "message", "")).rstrip("."))

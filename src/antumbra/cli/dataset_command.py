@@ -49,7 +49,7 @@ class DatasetCommand(StudyCommand[DatasetOptions, "Dataset"]):
     \b
     Examples
       antumbra dataset room.glb -o room --random 100 --random-lights 4 --seed 7
-      antumbra dataset room.glb -o room --camera 0,1.7,8:0,1,0 --light sun:1,-1,0.5 --sheet room.png
+      antumbra dataset room.glb -o room --camera 0,1.7,8:0,1,0 --light sun:1,-1,0.5 --contact-sheet room.png
       antumbra dataset city.ply -o city --up z --orbit 36 --size 640x480 --spp 1
       antumbra dataset room.glb -o room --random 1000 --shard 0/4
     """
@@ -77,7 +77,7 @@ class DatasetCommand(StudyCommand[DatasetOptions, "Dataset"]):
     shard: Annotated[ShardOption, ListedBefore("overwrite")] = None
     ray: RayOption = None
     merge: MergeOption = None
-    sheet: Annotated[
+    contact_sheet: Annotated[
         Path | None,
         typer.Option(
             help="Also write a .png contact sheet of the first frame's layers.",
@@ -133,7 +133,7 @@ class DatasetCommand(StudyCommand[DatasetOptions, "Dataset"]):
 
         shard = parse_shard(self.shard)
         is_first = shard is None or shard.number == 0
-        return {"sheet": lambda path: save_png(contact_sheet(result.folder), path)} if is_first else {}
+        return {"contact_sheet": lambda path: save_png(contact_sheet(result.folder), path)} if is_first else {}
 
     def summary(self, result: "Dataset", scenes: Scenes, seconds: float) -> Summary:
         return result.summary(scenes.bare, parse_shard(self.shard))

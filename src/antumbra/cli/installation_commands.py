@@ -20,6 +20,7 @@ import typer
 
 from ..base.errors import InputError
 from ..base.extras import EXTRAS
+from ..base.wording import counted, some_of
 from ..version import VERSION
 from ..work.result_summary import duration
 from . import console
@@ -160,9 +161,9 @@ def _node_text(node: dict[str, Any]) -> str:
     if "error" in node:
         return f"{node['node']}: {node['error']}"
     memory = "" if node["memory"] is None else f"{node['memory']:.0f} GiB of memory, "
-    kernels = f"{node['missing']} kernels missing" if node["missing"] else "all kernels compiled"
+    kernels = f"{counted(node['missing'], 'kernel')} missing" if node["missing"] else "all kernels compiled"
     disk = f"{node['room']:.0f} GiB of disk space"
-    return f"{node['node']}: {node['cores']} cores, {memory}{disk}, {node['antumbra']}, {kernels}"
+    return f"{node['node']}: {counted(node['cores'], 'core')}, {memory}{disk}, {node['antumbra']}, {kernels}"
 
 
 def _kernels() -> dict[str, Any]:
@@ -209,6 +210,7 @@ def _devices() -> list[dict[str, Any]]:
 
 def _device(info: "DeviceInfo") -> dict[str, Any]:
     from ..devices.device_list import open_device
+    from ..techniques.culling import device_culling  # noqa: F401, its kernels are tested too
     from ..trace.device.self_test import run_self_test
 
     fields: dict[str, Any] = {"name": info.name, "model": info.model, "driver": info.driver, "problem": info.problem}
@@ -226,8 +228,9 @@ def _device_text(device: dict[str, Any]) -> str:
     if device["problem"] is not None:
         return f"{about}{device['problem']}"
     if device["wrong"]:
-        return f"{about}{device['wrong']} of {device['answers']} answers are WRONG: update the driver, or report this"
-    return f"{about}{device['answers']} answers are right"
+        wrong = some_of(device["wrong"], device["answers"], "answer", "are")
+        return f"{about}{wrong} WRONG: update the driver, or report this"
+    return f"{about}{counted(device['answers'], 'answer', 'are')} right"
 
 
 def _check() -> dict[str, Any]:
@@ -317,7 +320,9 @@ def warmup(
         )
     elif not quiet:
         time = duration(seconds)
-        print(f"kernels of {len(examples)} jobs are ready, {compiled} newly compiled, in {folder} ({time})")
+        print(
+            f"kernels of {counted(len(examples), 'job', 'are')} ready, {compiled} newly compiled, in {folder} ({time})"
+        )
 
 
 # --- ``antumbra plans`` -----------------------------------------------------------------------------------------------

@@ -31,7 +31,7 @@ from .scene_arguments import SceneArguments
 # forget the check. Commands check only what depends on other arguments, such as a default name.
 
 
-TABLES = ".csv", ".parquet", ".gpkg", ".json", ".npz", ".png", ".glb", ".html", ".tif"
+TABLES = (*(".csv", ".parquet", ".parquets", ".gpkg", ".json", ".npz", ".png", ".glb", ".html", ".tif", ".zarr"),)
 """Suffixes of table files, as in `city.tables.result_table.WRITERS`, which is slow to import."""
 
 Callback = Callable[[typer.Context, Any], Any]
@@ -264,7 +264,8 @@ _PLAN, _DEVICE = "plan", "device"
 
 
 SCENE_HELP = (
-    "A file or folder, example:NAME, or procedural:NAME?triangles=N&seed=N; antumbra formats lists the files, and "
+    "A file or folder, the URL of a GeoTIFF or store, example:NAME, or procedural:NAME?triangles=N&seed=N; antumbra "
+    "formats lists the files, and "
     "options such as FILE?lod=2.2."
 )
 SCENE_OPTIONS = {
@@ -272,7 +273,9 @@ SCENE_OPTIONS = {
     "FILE?cutouts=off": "alpha cuts no holes",
     "FILE?transmittance=NAME:0.3": "a material or object lets light pass; JAN/FEB/.../DEC: a share for each month",
     "FILE?instances=on": "copies of meshes stay instances",
-    "FILE?band=2": "a band of a raster of heights",
+    "FILE?animation=NAME": "a clip of a glTF file",
+    "FILE?clip=W,S,E,N": "a part of a raster of heights",
+    "FILE?band=2": "a band of it",
     "FILE?layer=NAME": "a layer of footprints",
     "FILE?invalid=skip": "leaves out faulty footprints",
 }
@@ -440,8 +443,8 @@ QUALITIES = {
 PresetOption = Annotated[
     Preset,
     typer.Option(
-        help="draft: 4 rays; standard: 16; final: 64, adaptive, and bounced light in closed rooms. Other options take "
-        "precedence."
+        help="draft: 4 rays; standard: 16; final: 64, adaptive, and bounced light in rooms and courtyards. Other "
+        "options take precedence."
     ),
 ]
 SkyOption = Annotated[

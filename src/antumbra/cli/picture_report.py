@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.wording import counted, percent, place_text
 from ..picture.picture_records import camera_fields, light_fields, plain
 from ..work.result_summary import duration
 from . import console
@@ -194,7 +195,7 @@ def picture_fields(
 
 def scene_text(spec: "PictureSpec", scene: "AnyScene") -> str:
     """The source of a scene and its number of triangles."""
-    return f"{spec.source}, {scene.n_triangles:,} triangles"
+    return f"{spec.source}, {counted(scene.n_triangles, 'triangle')}"
 
 
 def phases_text(seconds: dict[str, float]) -> str:
@@ -224,18 +225,26 @@ def view_fields(shot: "Shot", speed: float | None = None) -> Iterator[tuple[str,
 
     camera, frame, options = shot.camera, shot.frame, shot.options
     spp = options.spp
-    yield "camera", f"{camera.width}x{camera.height} from {console.vector(camera.position)}"
+    yield "camera", f"{camera.width}x{camera.height} from {place_text(camera.position)}"
     if frame.ground is not None:
         share = frame.ground.mask.mean()
-        yield "ground", f"at height {frame.ground.height:.4g}; {share:.0%} of the picture shows its shadows"
+        yield (
+            "ground",
+            f"at height {frame.ground.height:.3g}; {percent(share, 0)} of the picture shows its shadows",
+        )
     yield "lights", ", ".join(_light_text(light) for light in shot.lights)
     if not frame.mask.any():
         yield "", "the camera sees no surface"
     samples = [traced_samples(light, light_samples(light, spp, options.sampler, options.seed)) for light in shot.lights]
     each = f"{spp} per pixel and light" if set(samples) == {spp} else f"{' + '.join(map(str, samples))} per pixel"
     finer = "" if options.adaptive is None else f", {options.adaptive} where refined"
-    finer += "" if options.bounce is None else f", {options.bounce} bounces per pixel"
-    yield "rays", f"{frame.rays:,} ({each}{finer})" + (f", {speed:.1f} million per second" if speed else "")
+    if options.bounce is not None:
+        paths = f"paths of {options.bounces} " if options.bounces > 1 else ""
+        finer += f", {options.bounce} {paths}bounces per pixel"
+    yield (
+        "rays",
+        f"{frame.rays:,} ({each}{finer})" + (f", {speed:.1f} million rays/s" if speed and speed >= 0.05 else ""),
+    )
     if frame.refined is not None:
         yield "refined", f"{100.0 * _refined(frame):.3g} % of the pixels"
 
@@ -331,7 +340,7 @@ def _print_instances(scene: "AnyScene", plan: str) -> None:
     if not scene.data.instanced:
         return
     instances = cast("InstanceData", scene.data).instances
-    copies = f"{len(instances.mesh):,} copies of {len(instances.meshes):,} meshes"
+    copies = f"{counted(len(instances.mesh), 'copy')} of {counted(len(instances.meshes), 'mesh')}"
     if traces_instances(parse_plan(plan)):
         print(f"The plan {plan} traced {copies} as instances.")
     else:

@@ -51,6 +51,7 @@ if TYPE_CHECKING:
 
     from ..engine.plan import Plan
     from ..engine.scene import AnyScene
+    from ..formats.camera_paths import CameraPath
     from ..picture.frame import Frame
     from ..picture.renderer import Renderer
     from ..scene.camera import Camera
@@ -83,44 +84,31 @@ def ground_of(setting: str | float, scene: "AnyScene", camera: "Camera", time: f
     setting : from `parse_ground`
     time : seconds; None: the ground suits all frames of an animation
     """
+    from ..engine.scene import is_outside
+
     if setting == "off":
         return None
-    if setting == "auto" and not _suits(scene, camera):
+    if setting == "auto" and not is_outside(scene, camera):
         return None
     if not scene.data.resident:
         raise InputError(f"--ground {setting}: {scene.name} is in a store, which has no ground; leave it out")
     return scene.ground_height(time) if isinstance(setting, str) else setting
 
 
-def _suits(scene: "AnyScene", camera: "Camera") -> bool:
-    """Whether the camera is outside a scene in memory.
-
-    The scene may already contain ground, whose shadows then continue beyond its edge.
-    """
-    if not scene.data.resident or camera.projection == "panoramic":
-        return False
-    if ((camera.position > scene.bounds[0]) & (camera.position < scene.bounds[1])).all():
-        return False
-    try:
-        return scene.view.room is None
-    except InputError:  # at some time the scene has no triangles: that frame reports the error
-        return False
-
-
-# --- Light in closed rooms --------------------------------------------------------------------------------------------
+# --- Light in rooms and courtyards ------------------------------------------------------------------------------------
 
 
 ROOM_LIGHT: dict[str, Any] = {"bounce": 32, "bounce_step": 4}
-"""Options of bounced light for ``--preset final`` in closed rooms: without it, ceilings and corners get no light."""
+"""Options of bounced light for ``--preset final`` in rooms and courtyards, whose corners get no other light."""
 
 
-def is_closed_room(scene: "AnyScene") -> bool:
-    """Whether a scene in memory is shown from inside a room that is lit by a lamp instead of the sun."""
+def is_enclosed(scene: "AnyScene") -> bool:
+    """Whether a scene in memory is shown from inside a room or a courtyard."""
     try:
         room = scene.view.room if scene.data.resident else None
     except InputError:  # at some time the scene has no triangles: that frame reports the error
         return False
-    return room is not None and not room.open
+    return room is not None
 
 
 # --- Parsed arguments: everything that determines a picture except the time -------------------------------------------
@@ -151,7 +139,8 @@ class PictureSpec(NamedTuple):
     quiet: bool
     moving: bool  # whether the pictures are the frames of an animation
     trees: VegetationSpec | None = None  # vegetation that is added to the scene
-    lights_rooms: bool = False  # whether light bounces in closed rooms, as `ROOM_LIGHT` says
+    lights_rooms: bool = False  # whether light bounces in rooms and courtyards, as `ROOM_LIGHT` says
+    path: "CameraPath | None" = None  # of the camera, instead of `camera`
 
     def check(self, *plans: "str | Plan") -> None:
         """Raise InputError for errors that can be detected before a scene is read.
@@ -198,7 +187,13 @@ class PictureSpec(NamedTuple):
 
     def view(self, scene: "AnyScene", time: float) -> "Camera":
         """The camera at a time."""
+        if self.path is not None:
+            return self.path.camera(time, scene.up, self.size)
         return arguments.make_camera(self.camera, scene, time, self.size, self.moving)
+
+    def clamped(self, scene: "AnyScene", time: float) -> float:
+        """`time`, clamped to the animation of the scene and the path of the camera."""
+        return min(max(time, 0.0), max(scene.duration, self.path.duration if self.path else 0.0))
 
     def ground_height(self, scene: "AnyScene", time: float) -> float | None:
         """The height of the ground at a time; None: no ground. It is the same for all frames of an animation."""
@@ -208,7 +203,10 @@ class PictureSpec(NamedTuple):
 
     def direct_lights(self, scene: "AnyScene", time: float) -> "list[Light]":
         """The lights at a time, without virtual point lights."""
-        return arguments.make_picture_lights(self.lights, self.sky, scene, time) + self.ambient
+        from ..scene.sky import with_rays
+
+        lights = arguments.make_picture_lights(self.lights, self.sky, scene, time)
+        return [with_rays(light, self.picture.spp) for light in lights] + self.ambient
 
     def all_lights(self, scene: "AnyScene", time: float) -> "list[Light]":
         """The lights at a time, with virtual point lights."""
@@ -225,7 +223,7 @@ class PictureSpec(NamedTuple):
         """The options of the picture at a time; `layers`: keep the image of each light, for an EXR file."""
         ground = self.ground_height(scene, time)
         return replace(
-            replace(self.picture, **ROOM_LIGHT) if self.lights_rooms and is_closed_room(scene) else self.picture,
+            replace(self.picture, **ROOM_LIGHT) if self.lights_rooms and is_enclosed(scene) else self.picture,
             time=scene.clamped(time),
             ground=False if ground is None else ground,
             background=self.background is None and not self._no_sky,
@@ -238,7 +236,7 @@ class PictureSpec(NamedTuple):
         """Render a frame at a time; ``progress(text, runs)`` returns a progress function for `runs` traced queries."""
         camera, lights, options = self._inputs(scene, time, layers)
         pictures = (1 if options.adaptive is None else 3) * (1 if options.ground is False else 2)
-        runs = len(lights) * (pictures + (options.bounce or 0)) + renderer.source.looks
+        runs = len(lights) * (pictures + (options.bounce or 0) * options.bounces) + renderer.source.looks
         frame = renderer.render(camera, lights, options=options, progress=progress("tracing shadow rays", runs))
         return Shot(camera, lights, options, frame)
 
@@ -376,6 +374,15 @@ class RenderArguments(_Options):  # type: ignore[misc] # made from the options o
         ),
     ] = None
     camera: CameraOption = None
+    camera_path: Annotated[
+        Path | None,
+        typer.Option(
+            "--path",
+            help="Move the camera of --frames along the keys of a .json file, or with the camera of a .glb file.",
+            metavar="FILE",
+            show_default=False,
+        ),
+    ] = None
     light: PictureLightOption = None
     sky: SkyOption = None
     ao: AoOption = None
@@ -412,16 +419,22 @@ class RenderArguments(_Options):  # type: ignore[misc] # made from the options o
         for name, instead in (("--vpl", self.vpl), ("--bounce", self.bounce)):
             if self.ao is not None and instead is not None:
                 raise InputError(f"--ao occludes the ambient light that {name} replaces; leave one of them out")
+        if self.bounces is not None and self.bounce is None and self.preset is not Preset.final:
+            raise InputError("--bounces follows the rays of --bounce further; add it, such as --bounce 16")
         if self.vpl is not None and self.bounce is not None:
             raise InputError("--vpl and --bounce both add one bounce of light; leave one of them out")
         if self.shard is not None or self.ray is not None or self.merge:
             self._check_shared()
+        if self.camera_path is not None and self.camera is not None:
+            raise InputError("--path and --camera both place the camera; leave one of them out")
         if self.frames is not None:
             if self.html is not None:
                 raise InputError("--html is for a single picture; leave it or --frames out")
             if self.explain_plan:
                 raise InputError("--explain-plan is for a single picture; leave it or --frames out")
             return
+        if self.camera_path is not None:
+            raise InputError("--path belongs to --frames FIRST:LAST; use --camera for a single picture")
         if self.fps is not None:
             raise InputError("--fps belongs to --frames FIRST:LAST; leave it out")
         if self.overwrite:
@@ -452,6 +465,11 @@ class RenderArguments(_Options):  # type: ignore[misc] # made from the options o
             optional(self.camera, arguments.parse_camera),
             optional(self.srdh_rays, arguments.parse_srdh_rays),
         )
+        path = None
+        if self.camera_path is not None:
+            from ..formats.camera_paths import read_camera_path
+
+            path = read_camera_path(self.camera_path)
         wide = isinstance(camera, arguments.CameraSpec) and camera.kind == "panoramic"
         memory = optional(self.max_memory, arguments.parse_bytes, "--max-memory")
         spec = PictureSpec(
@@ -474,6 +492,7 @@ class RenderArguments(_Options):  # type: ignore[misc] # made from the options o
             moving=self.frames is not None,
             trees=parse_vegetation(self.trees),
             lights_rooms=self.preset is Preset.final and (self.bounce, self.vpl, self.ao) == (None, None, None),
+            path=path,
         )
         if self.frames is None and rays is not None and rays.last_frame:
             raise InputError(

@@ -16,8 +16,11 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
 from ..base.errors import InputError
 from ..base.files import checked_folder
+from ..base.wording import some_of
 from ..work.result_summary import duration
 from . import arguments, console, picture_report
 from .arguments import FrameSequence
@@ -115,23 +118,35 @@ def render_frames(
 ) -> "Animation":
     """Render all unfinished frames that the executor assigns to this process."""
     job.spec.view(job.scene, 0.0)  # report a missing camera or light once, not per frame
+    if job.spec.path is not None:
+        check_cameras(job, sequence)
     job.spec.direct_lights(job.scene, 0.0)
     job.spec.ground_height(job.scene, 0.0)
     if job.film is not None:
         _make_folder(job.patterns[0].parent)
     last = sequence.time(sequence.numbers[-1])
-    if last > job.scene.duration and not job.spec.quiet:
-        say(f"note: the animation ends after {job.scene.duration:g} s; later frames show its end")
+    end = job.spec.clamped(job.scene, last)
+    if last > end and not job.spec.quiet:
+        say(f"note: the animation ends after {end:g} s; later frames show its end")
     animation = Animation(job, sequence, display)
     try:
         animation.complete = executor.finish([animation])
     except KeyboardInterrupt:
         done = sum(len(animation.numbers[state]) for state in ("rendered", "finished"))
-        say(f"{done} of {len(sequence.numbers)} frames are finished; run the same command again to continue")
+        say(f"{some_of(done, len(sequence.numbers), 'frame', 'are')} finished; run the same command again to continue")
         raise
     if job.film is not None and animation.is_whole:
         animation.write_film(job.film, display)
     return animation
+
+
+def check_cameras(job: AnimationWork, sequence: FrameSequence) -> None:
+    """Raise InputError unless the path has a camera, in the scene's coordinates, at the time of each frame."""
+    from ..engine.measured_scenes import check_degrees
+
+    cameras = [job.spec.view(job.scene, sequence.time(number)) for number in sequence.numbers]
+    ends = [end for camera in cameras for end in (camera.position, camera.target)]
+    check_degrees(job.scene, np.array(ends), "the keys of --path")
 
 
 class Animation:
@@ -184,6 +199,9 @@ class Animation:
     def found(self, k: int) -> None:
         self._record_outcome(k, {"state": "finished", "exposure": self.exposure})
 
+    def estimate(self, left: int) -> None:
+        """None: a frame must be done first."""
+
     def clear(self) -> None:
         """No-op: all files are results."""
 
@@ -215,6 +233,7 @@ class Animation:
         number, count = self.sequence.numbers[k], len(self)
         text = f"frame {number}{self._forecast(count - k)}"
         self._display.say(text, k, count)
+        self._renderer.expect(count - k)
         progress = lambda _, runs: self._display.parts(text, runs, k, count)
         try:
             if self.exposure is None and not self._linear:
@@ -234,8 +253,9 @@ class Animation:
         number = self.sequence.numbers[k]
         self.numbers[outcome["state"]].append(number)
         if self.job.spec.json:
-            time = self.job.scene.clamped(self.sequence.time(number))
-            console.print_json({"frame": number, **self._named(number), "time": time, **outcome})
+            time = self.job.spec.clamped(self.job.scene, self.sequence.time(number))
+            answer = {"frame": number, **self._named(number), "time": time, **outcome}
+            console.print_json(answer | {"time": time})  # the time of a path goes beyond that of a still scene
 
     @property
     def _linear(self) -> bool:
@@ -401,7 +421,7 @@ def _stored_settings(path: Path) -> dict[str, Any]:
 # --- The command ------------------------------------------------------------------------------------------------------
 
 
-class Traced(NamedTuple):
+class RenderedPicture(NamedTuple):
     """A single picture, traced."""
 
     spec: PictureSpec
@@ -441,7 +461,7 @@ class Rendering(NamedTuple):
 
         return any(map(is_linear, self.paths))
 
-    def trace(self, display: ProgressDisplay, executor: "Executor | None") -> "Animation | Traced":
+    def trace(self, display: ProgressDisplay, executor: "Executor | None") -> "Animation | RenderedPicture":
         """Open the scene, and trace the picture, or the frames of an animation, which are also saved."""
         from ..engine.plan_records import one_picture
         from ..work.executors import LocalExecutor
@@ -463,9 +483,9 @@ class Rendering(NamedTuple):
                 shot = spec.shot(scene, spec.renderer(scene), self.time, display.parts, self.layers)
         else:
             shot = spec.shot_in_bands(scene, self.time, executor, digest, self.layers)
-        return Traced(spec, scene, digest, load, shot, perf_counter() - start)
+        return RenderedPicture(spec, scene, digest, load, shot, perf_counter() - start)
 
-    def save(self, traced: Traced, page: Path | None) -> picture_report.SavedPicture:
+    def save(self, traced: RenderedPicture, page: Path | None) -> picture_report.SavedPicture:
         """Write the picture, and a page about it."""
         from ..picture.image_files import is_linear
 

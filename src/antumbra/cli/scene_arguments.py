@@ -16,12 +16,14 @@ from urllib.parse import parse_qsl, quote, unquote
 
 import typer
 
+from ..base import wings
 from ..base.checks import spelling_hint
 from ..base.errors import InputError
-from ..formats.format_registry import format_of, suffixes_of
-from ..formats.scene_format import Contents, Tile, check_z_up
+from ..base.wording import counted
+from ..formats.format_registry import GLB, GLTF, format_of, suffixes_of
+from ..formats.scene_format import Contents, ReadOptions, Tile, check_z_up
 from ..scene.materials import MONTHS, Transmittance
-from ..scene.scene_data import group_notes
+from ..scene.scene_data import SceneData, group_notes
 from ..scene.units import checked_unit
 from .arguments import parse_count, parse_number, parse_point
 from .console import say
@@ -37,8 +39,10 @@ EXAMPLE = "example:"
 DEFAULT_SCENE = PROCEDURAL + "atrium"
 
 _LOD = re.compile(r"(.+\.jsonl?)\?lod=(.*)", re.IGNORECASE)
-_MESH_OPTIONS = re.compile(r"(.+\.(?:glb|gltf|obj|ply))\?((?:cutouts|transmittance|instances)=.*)", re.IGNORECASE)
-_OF_RASTERS = "terrain", "band", "nodata", "z_scale", "values_at"
+_MESH_OPTIONS = re.compile(
+    r"(.+\.(?:glb|gltf|obj|ply))\?((?:cutouts|transmittance|instances|animation)=.*)", re.IGNORECASE
+)
+_OF_RASTERS = "terrain", "clip", "band", "nodata", "z_scale", "values_at"
 _OF_FOOTPRINTS = "height", "terrain", "base", "id", "layer", "invalid"
 _UNIT = "unit="  # of all files
 
@@ -56,13 +60,16 @@ class SceneSpec(NamedTuple):
     cutouts: bool = True  # False: alpha cuts no holes
     transmittance: tuple[tuple[str, Transmittance], ...] = ()  # the light that materials or objects let pass
     instances: bool | None = None  # whether copies of meshes stay instances; None: if that saves much memory
-    gis: tuple[tuple[str, str | float], ...] = ()  # keywords of `from_raster` or `from_footprints`
+    animation: str | None = None  # the clip of a glTF file that plays; None: all at once
+    gis: tuple[tuple[str, Any], ...] = ()  # keywords of `from_raster` or `from_footprints`
     terrain: tuple[Path, ...] = ()  # rasters of the ground
     unit: str | None = None  # of the coordinates
     up: str | None = None
     crs: str | None = None
     added: tuple["Added", ...] = ()
     removed: tuple[str, ...] = ()  # names of objects
+    own_cells: bool = False  # whether only shadows at the own cells of a raster are needed, which then may be large
+    bounds: tuple[float, ...] | None = None  # of these cells, (x0, n0, x1, n1); None: all
 
     @property
     def on_raster(self) -> bool:
@@ -108,8 +115,8 @@ def parse_scene(text: str) -> SceneSpec:
 
     ``city.json?lod=2.2``, ``tree.glb?cutouts=off``, ``tree.glb?transmittance=leaf:0.3&transmittance=glass:0.9,1,0.9``,
     ``tree.glb?transmittance=leaf:0.7/0.7/0.6/0.4/0.3/0.2/0.2/0.2/0.3/0.5/0.6/0.7``,
-    ``forest.glb?instances=on``, ``buildings.gpkg?height=h&terrain=dem.tif``, ``dem.tif?band=2``,
-    ``house.obj?unit=mm``, ``example:NAME``, ``procedural:NAME?triangles=100k&seed=3``.
+    ``forest.glb?instances=on``, ``fox.glb?animation=Run``, ``dem.tif?band=2``, ``house.obj?unit=mm``,
+    ``buildings.gpkg?height=h&terrain=dem.tif``, ``example:NAME``, ``procedural:NAME?triangles=100k&seed=3``.
     """
     if not text:
         raise InputError(f"SCENE is empty; name a file, a folder or {DEFAULT_SCENE}")
@@ -181,8 +188,13 @@ def _of_mesh(spec: SceneSpec, query: str, text: str) -> SceneSpec:
             if share[0] in dict(spec.transmittance):
                 raise InputError(f"{text}: the transmittance of {share[0]!r} is repeated; write it once")
             spec = spec._replace(transmittance=(*spec.transmittance, share))
+        elif key == "animation":
+            if not value or spec.path is None or format_of(spec.path) not in (GLB, GLTF):
+                raise InputError(f"{text}: animation is empty, or not of a glTF file; write FILE.glb?animation=NAME")
+            spec = spec._replace(animation=value)
         else:
-            raise InputError(f"{text}: {key!r} is unknown; use cutouts=off, instances=on or transmittance=NAME:SHARE")
+            known = "cutouts=off, instances=on, animation=NAME or transmittance=NAME:SHARE"
+            raise InputError(f"{text}: {key!r} is unknown; use {known}")
     return spec
 
 
@@ -235,7 +247,8 @@ def _column_or_number(value: str) -> str | float:
         return value
 
 
-_READERS: dict[str, Callable[[str], str | float]] = {
+_READERS: dict[str, Callable[[str], Any]] = {
+    "clip": lambda value: tuple(_number(each, "clip") for each in value.split(",")),
     "band": lambda value: int(_number(value, "band")),
     "nodata": lambda value: _number(value, "nodata"),
     "z_scale": lambda value: _number(value, "z_scale"),
@@ -418,6 +431,8 @@ BeforeOption = Annotated[
 
 
 _MOST_NOTES = 5
+_STREAMED = Contents.MESHES, Contents.CITY
+"""Contents of files that builds read by `ReadOptions.streamed`."""
 
 
 def open_scene(spec: SceneSpec, quiet: bool = False) -> "AnyScene":
@@ -433,12 +448,36 @@ def open_scene(spec: SceneSpec, quiet: bool = False) -> "AnyScene":
     with quietly():  # the notes are printed below
         scene = _open_file(spec, spec.path)
     if not quiet:
-        notes = group_notes(scene.notes, "antumbra info shows all")
-        for note in notes[:_MOST_NOTES]:
-            say(f"note: {note}")
-        if len(notes) > _MOST_NOTES:
-            say(f"note: {len(notes) - _MOST_NOTES} more kinds of notes; antumbra info shows all of them")
+        _say_notes(scene.notes)
     return scene
+
+
+def _say_notes(all_notes: Sequence[str]) -> None:
+    notes = group_notes(all_notes, "antumbra info shows all")
+    for note in notes[:_MOST_NOTES]:
+        say(f"note: {note}")
+    if len(notes) > _MOST_NOTES:
+        say(f"note: {counted(len(notes) - _MOST_NOTES, 'more kind')} of notes; antumbra info shows all of them")
+
+
+def open_for_store(spec: SceneSpec, quiet: bool = False) -> SceneData:
+    """The data of `open_scene` for a build, which reads the faces of a mesh or city file as it stores them."""
+    found = None if spec.path is None else format_of(spec.path)
+    if spec.path is None or spec.transmittance or found is None or found.contents not in _STREAMED:
+        return open_scene(spec, quiet).data
+    from ..engine.scene_reading import read_scene_data
+    from ..scene.crs import checked_crs
+
+    unit = None if spec.unit is None else checked_unit(spec.unit)
+    crs = None if spec.crs is None else checked_crs(spec.crs)
+    options = ReadOptions(spec.up, spec.lod, spec.instances, spec.cutouts, crs, unit, spec.animation, streamed=True)
+    data = read_scene_data(spec.path, options)
+    data.unit = unit or data.given_unit
+    if not spec.cutouts:
+        data.ignore_alpha()
+    if not quiet:
+        _say_notes(data.notes)
+    return data
 
 
 def _open_file(spec: SceneSpec, path: Path) -> "AnyScene":
@@ -448,17 +487,20 @@ def _open_file(spec: SceneSpec, path: Path) -> "AnyScene":
 
         check_z_up(spec.up, path.name)
         terrain, keywords = list(spec.terrain) or None, dict[str, Any](spec.gis)
+        if spec.own_cells:
+            raster: AnyScene = wings.named(wings.OPEN_RASTER)(path, bounds=spec.bounds, **place, **keywords)
+            return raster
         if is_raster(path):
             return from_raster(path, ground=terrain, **place, **keywords)
         return from_footprints(path, terrain=terrain, **place, **keywords)
 
     from .. import load
-    from ..store.store_format import STORE_SUFFIX
+    from ..store.store_format import STORE_SUFFIX, TILES_SUFFIX
 
-    if spec.up is not None and path.suffix.lower() == STORE_SUFFIX:
+    if spec.up is not None and path.suffix.lower() in (STORE_SUFFIX, TILES_SUFFIX):
         raise InputError(f"{path.name}: a store has its own up axis; leave --up out")
     shares = dict(spec.transmittance) or None
-    switches: dict[str, Any] = {"cutouts": spec.cutouts, "instances": spec.instances}
+    switches: dict[str, Any] = {"cutouts": spec.cutouts, "instances": spec.instances, "animation": spec.animation}
     return load(path, up=spec.up, lod=spec.lod, transmittance=shares, **switches, **place)
 
 
@@ -491,9 +533,3 @@ def limit_memory(scene: "AnyScene", max_memory: int | None) -> int | None:
         return None
     cast("PagedScene", scene).max_memory = max_memory
     return max_memory
-
-
-def in_memory(scene: "AnyScene") -> "AnyScene":
-    """The scene; InputError if it is in a store."""
-    scene.data.check_resident()
-    return scene

@@ -1,12 +1,11 @@
-"""``antumbra info``, ``scenes``, ``formats`` and ``build``.
+"""``antumbra info``, ``scenes`` and ``formats``.
 
-They describe a scene, list and export procedural scenes, list file formats, and build stores.
+They describe a scene, list and export procedural scenes, and list file formats.
 """
 
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import groupby
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,23 +14,21 @@ import typer
 
 from ..base.checks import alternatives
 from ..base.errors import InputError
+from ..base.memory import readable_size
+from ..base.wording import counted
 from ..engine.scene_reading import SCENE_FORMATS
-from ..formats.array_files import FILES
 from ..formats.format_registry import SCENE_WRITERS, check_output, write_scene
 from ..picture.picture_records import camera_fields, light_fields
 from ..work.result_summary import duration
 from . import arguments, console
 from .console import ProgressDisplay
-from .options import SCENE_HELP, SCENE_OPTIONS, Json, Quiet, SceneArgument, Threads, UpOption, takes, writes
-from .scene_arguments import SceneArguments, SceneSpec, is_raster, open_scene, stream_rasters
+from .options import SCENE_OPTIONS, Json, SceneArgument, UpOption, takes, writes
+from .scene_arguments import SceneArguments, open_scene
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
-    from ..generate.generated_scene import StreamedCity
     from ..scene.lights import Light
     from ..scene.scene_data import CityModel
-    from ..scene.terrain import StreamedTerrain
-    from ..store.store_build import BuildReport
     from ..store.store_file import Store
 
 
@@ -90,29 +87,40 @@ def info(args: InfoArguments) -> int:
         right=(1, 2),
     )
     if len(meshes) > len(largest):
-        print(f"... and {len(meshes) - len(largest)} smaller meshes (--json lists all)")
+        print(f"... and {counted(len(meshes) - len(largest), 'smaller mesh')} (--json lists all)")
     return 0
 
 
 def _check(store: "Store | None", source: str, display: ProgressDisplay) -> None:
     if store is None:
-        raise InputError(f"{source}: --check is for stores (.antumbra); leave it out")
+        raise InputError(f"{source}: --check is for stores (.antumbra, .tiles); leave it out")
     memory = store.memory()
     for k in range(len(store)):
         display.say("checking", k, len(store))
         store.check(k, memory)
+    if (heights := store.heights()) is not None:
+        heights.check()
+    store.cutouts()
 
 
 def _store_answer(store: "Store", checked: bool) -> dict[str, Any]:
+    from ..store.tiled_store import TiledStore
+
     chunks = {name: getattr(store.chunks, name).tolist() for name in ("offset", "bytes", "triangles", "nodes")}
-    return {"bytes": store.path.stat().st_size, "chunks": chunks, "built": store.meta.built, "checked": checked}
+    tiles = {"tiles": [tile._asdict() for tile in store.tiles]} if isinstance(store, TiledStore) else {}
+    return {"bytes": store.size, **tiles, "chunks": chunks, "built": store.meta.built, "checked": checked}
 
 
 def _store_fields(store: "Store", checked: bool) -> Iterator[tuple[str, str]]:
-    size, chunks = store.path.stat().st_size, store.chunks
-    yield "store", f"{console.size_in_memory(size)}, {size / store.n_triangles:.1f} bytes per triangle"
-    spread = f"{chunks.triangles.min():,} to {chunks.triangles.max():,} triangles each"
-    yield "chunks", f"{len(store):,}, {spread}; {len(store.top.nodes):,} nodes above them"
+    from ..store.tiled_store import TiledStore
+
+    size, chunks = store.size, store.chunks
+    yield "store", f"{readable_size(size)}, {size / store.n_triangles:.1f} bytes per triangle"
+    if isinstance(store, TiledStore):
+        most = max(tile.triangles for tile in store.tiles)
+        yield "tiles", f"{len(store.tiles):,}, up to {counted(most, 'triangle')} each"
+    spread = f"{chunks.triangles.min():,} to {counted(chunks.triangles.max(), 'triangle')} each"
+    yield "chunks", f"{len(store):,}, {spread}; {counted(len(store.top.nodes), 'node')} above them"
     yield "built", ", ".join(f"{name} {value}" for name, value in store.meta.built.items())
     if checked:
         yield "checksums", "all correct"
@@ -157,7 +165,7 @@ def _info_fields(scene: "AnyScene", seconds: float) -> Iterator[tuple[str, str]]
     meshes = f" in {len(scene.meshes):,} mesh{'es' * (len(scene.meshes) != 1)}" if scene.meshes else ""
     yield "triangles", f"{scene.n_triangles:,}{meshes}"
     if scene.meshes:
-        yield "memory", f"{console.size_in_memory(scene.n_triangles * TRIANGLE_BYTES)} for the triangles at one time"
+        yield "memory", f"{readable_size(scene.n_triangles * TRIANGLE_BYTES)} for the triangles at one time"
     yield "bounds", f"{console.vector(lower)} to {console.vector(upper)}"
     yield "size", f"{console.vector(upper - lower)}, +{scene.up.upper()} is up"
     yield "origin", console.vector(scene.origin)
@@ -166,7 +174,7 @@ def _info_fields(scene: "AnyScene", seconds: float) -> Iterator[tuple[str, str]]
         yield "CRS", scene.crs or "none in the file"
     if scene.city is not None:
         levels = ", ".join(scene.city.lods) or "not named"
-        yield "city", f"{len(scene.city.objects):,} objects, levels of detail {levels}"
+        yield "city", f"{counted(len(scene.city.objects), 'object')}, levels of detail {levels}"
         for kind in "object", "surface":
             names = getattr(scene.city, f"{kind}_attribute_names")
             if names:
@@ -259,7 +267,7 @@ def scenes(
         console.print_json(answer)
     else:
         lower, upper = answer["bounds"]
-        rows = [("scene", f"{name}, {answer['triangles']:,} triangles")]
+        rows = [("scene", f"{name}, {counted(answer['triangles'], 'triangle')}")]
         rows.append(("bounds", f"{console.vector(lower)} to {console.vector(upper)}"))
         rows += [("written", str(file)) for file in answer["files"]]
         console.print_fields(rows)
@@ -336,99 +344,3 @@ def formats(json: Json = False) -> None:
         ],
     )
     console.print_table(("SCENE", "meaning"), SCENE_OPTIONS.items())
-
-
-# --- ``antumbra build`` -----------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class BuildArguments(SceneArguments):
-    """The command-line arguments and options, one per field."""
-
-    scenes: Annotated[list[str], typer.Argument(help=SCENE_HELP, metavar="SCENE...")]
-    output: Annotated[
-        Path,
-        typer.Option(
-            "--output", "-o", help="The store to write: *.antumbra.", metavar="FILE", callback=writes(".antumbra")
-        ),
-    ]
-    max_memory: Annotated[
-        str, typer.Option(help="Memory limit of the build, in bytes or with a suffix: 512M, 4G.", metavar="SIZE")
-    ] = "4G"
-    up: UpOption = None
-    threads: Threads = None
-    json: Json = False
-    quiet: Quiet = False
-
-
-@takes(BuildArguments)
-def build(args: BuildArguments) -> int:
-    """Build a store, which may exceed memory.
-
-    A store holds the triangles in chunks, each with its BVH and checksums. Several scenes are merged in the given
-    order, in their state at time 0, with all their cameras and lights. procedural:city is generated and written block
-    by block, at any size, and so are rasters of heights. Rasters that follow one another, and those of a folder, are
-    tiles of one surface. Other scenes are read into memory one at a time. The same scenes give the same bytes for any
-    --max-memory and --threads.
-
-    \b
-    Examples
-      antumbra build sponza.glb -o sponza.antumbra
-      antumbra build "procedural:city?triangles=350M" -o city.antumbra --max-memory 4G
-      antumbra build dem.tif -o dem.antumbra --max-memory 4G
-      antumbra build west.tif east.tif -o dem.antumbra
-      antumbra info city.antumbra --check
-    """
-    args.refuse_changes("stores hold whole files; name all of them as SCENEs")
-    specs = [spec for text in args.scenes for spec in _tiles_of(args.spec_of(text))]
-    memory = arguments.parse_bytes(args.max_memory, "--max-memory")
-
-    from ..engine.store_building import build_store
-    from ..store.system_resources import peak_resident_memory
-
-    with ProgressDisplay(args.quiet) as display:
-        display.say("reading")
-        opened = _opened(specs, args.threads, args.quiet)
-        report = build_store(opened, args.output, max_memory=memory, threads=args.threads, progress=display.say)
-    peak = peak_resident_memory()
-    if args.json:
-        console.print_json({**report._asdict(), "path": str(report.path), "max_memory": memory, "peak_resident": peak})
-    elif not args.quiet:
-        console.print_fields(_build_fields(report, peak))
-    return 0
-
-
-def _tiles_of(spec: SceneSpec) -> list[SceneSpec]:
-    """The scene, or the rasters of heights in a folder, by name; a folder of vertex frames is a scene."""
-    if spec.path is None or not spec.path.is_dir() or any((spec.path / name).exists() for name in FILES):
-        return [spec]
-    return [spec._replace(path=path) for path in sorted(spec.path.iterdir()) if is_raster(path)] or [spec]
-
-
-def _opened(
-    specs: list[SceneSpec], threads: int | None, quiet: bool
-) -> "Iterator[AnyScene | StreamedCity | StreamedTerrain]":
-    """Yield the scenes one by one. Cities and rasters of heights are streams of blocks, which are made later."""
-    from ..generate.generated_scene import StreamedCity
-    from ..kernels.parallel import thread_count
-
-    for streamed, group in groupby(specs, lambda spec: spec.is_streamed):
-        if streamed:
-            yield stream_rasters(list(group))
-            continue
-        for spec in group:
-            if spec.path is None and spec.name == "city" and spec.up is None:
-                yield StreamedCity(spec.triangles, spec.seed, thread_count(threads))
-            else:
-                yield open_scene(spec, quiet)
-
-
-def _build_fields(report: "BuildReport", peak: int | None) -> Iterator[tuple[str, str]]:
-    phases = dict(report.seconds)
-    total = phases.pop("total")
-    yield "store", str(report.path)
-    yield "triangles", f"{report.triangles:,} in {report.chunks:,} chunk{'s' * (report.chunks != 1)}"
-    yield "size", f"{console.size_in_memory(report.bytes)}, {report.bytes / report.triangles:.1f} bytes per triangle"
-    yield "time", f"{duration(total)}: " + ", ".join(f"{k} {duration(s)}" for k, s in phases.items())
-    if peak is not None:
-        yield "memory", f"{console.size_in_memory(peak)} at the peak"

@@ -2,6 +2,7 @@
 
 import os
 import re
+import shlex
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import typer
 
 from ..base.errors import InputError
+from ..base.remote_files import without_urls
+from ..base.wording import counted
 from ..work.result_summary import duration
 from . import console
 from .command_parsing import parsed_words
@@ -96,8 +99,10 @@ def _variable(name: str) -> int:
 
 def shards_folder(output: Path) -> Path:
     """The shard folder next to an output."""
+    from ..work.executors import SHARDS
+
     stem = output.name.removesuffix(output.suffix)
-    return output.with_name(f"{_NUMBER.sub('', stem) or 'frames'}.shards")
+    return output.with_name(f"{_NUMBER.sub('', stem) or 'frames'}{SHARDS}")
 
 
 def command_words() -> list[str]:
@@ -158,7 +163,7 @@ def report_shard(shard: "Executor | None", args: Any, seconds: float) -> int:
         console.print_json({**answer, "seconds": seconds})
     elif not args.quiet:
         before = f", {shard.units - shard.did:,} were already done" if shard.did < shard.units else ""
-        rows = [("shard", f"{shard.share}: {shard.units:,} parts{before}"), ("time", duration(seconds))]
+        rows = [("shard", f"{shard.share}: {counted(shard.units, 'part')}{before}"), ("time", duration(seconds))]
         console.print_fields([*rows, ("next", f"when all shards are done: antumbra merge {shard.folder}")])
     return 0
 
@@ -177,7 +182,7 @@ def merge(
     The files are those that the command writes without --shard, byte for byte. Each FOLDER records the command that
     wrote it. That command runs again, in the current folder, with the results of the shards instead of traced rays. A
     shard that is missing, duplicated, stale, or from another command causes an error that names it, and no file is
-    written.
+    written. While shards are missing, the exit code is 75: try again.
 
     \b
     Examples
@@ -189,5 +194,7 @@ def merge(
     command = read_shard_record(folders[0]).command
     more = [word for folder in folders for word in ("--merge", str(folder))]
     words = [*command, *more, *(["--json"] * json), *(["--quiet"] * quiet)]
-    code = context.find_root().command.main(words, prog_name="antumbra", standalone_mode=False)
+    again = f"as the record in {folders[0]} says; if you wrote it, repeat its command with {shlex.join(more)}"
+    with without_urls(again):
+        code = context.find_root().command.main(words, prog_name="antumbra", standalone_mode=False)
     return code if isinstance(code, int) else 0

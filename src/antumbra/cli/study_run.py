@@ -16,13 +16,14 @@ from ..base import wings
 from ..base.errors import InputError
 from ..base.files import checked_folder
 from ..base.option_fields import field_values
-from ..work.executors import LocalExecutor
+from ..work.estimates import telling
+from ..work.executors import LocalExecutor, traced_share
 from ..work.joint_work import both_results
-from ..work.result_summary import Summary, duration
+from ..work.result_summary import Summary, duration, speed_text
 from . import console
 from .console import ProgressDisplay
 from .options import Json, Quiet, SceneArgument, literal, outputs_of, takes
-from .scene_arguments import SceneArguments, SceneSpec, in_memory, open_change, open_scene
+from .scene_arguments import SceneArguments, SceneSpec, open_change, open_scene
 from .shards import executor_for, for_node, report_shard
 from .vegetation_options import VegetationSpec, add_vegetation, below_plants, parse_vegetation, sensors_below_plants
 
@@ -87,22 +88,21 @@ class StudyRun(ProgressDisplay):
     def __init__(self, args: Any):
         super().__init__(args.quiet)
         self._args = args
-        self.seconds = 0.0
+        self.seconds, self.traced = 0.0, 1.0  # of the study, and the share of its rays that were traced now
         self.written = list[str]()
 
-    def open(
-        self, spec: SceneSpec, trees: VegetationSpec | None = None, to_memory: bool = False, before: bool = False
-    ) -> Scenes:
+    def open(self, spec: SceneSpec, trees: VegetationSpec | None = None, before: bool = False) -> Scenes:
         """The scene without and with its trees, as `opened` makes it."""
         self.say("reading the scene")
-        scenes = opened(spec, trees, to_memory, self._args.quiet, before)
+        scenes = opened(spec, trees, self._args.quiet, before)
         self.say("preparing")
         return scenes
 
     def timed(self, work: Callable[[], _T]) -> _T:
         """What `work` returns; its time is that of the study."""
         start = perf_counter()
-        result = work()
+        with telling(lambda line: None if self._args.quiet else console.say(f"note: {line}")):
+            result = work()
         self.seconds = perf_counter() - start
         return result
 
@@ -115,7 +115,7 @@ class StudyRun(ProgressDisplay):
 
     def rows(self, rays: int | None = None) -> list[tuple[str, str]]:
         """The last fields of a report: the time, with the speed if the number of `rays` is known, and the files."""
-        speed = "" if rays is None else f", {rays / 1e6 / max(self.seconds, 1e-9):,.1f} Mrays/s"
+        speed = "" if rays is None else speed_text(self.traced * rays, self.seconds)
         return [("time", duration(self.seconds) + speed), *(("written", path) for path in self.written)]
 
     def report(self, summary: Summary, files: str | None = "outputs") -> int:
@@ -136,8 +136,8 @@ class StudyRun(ProgressDisplay):
         return 0
 
 
-def opened(spec: SceneSpec, trees: VegetationSpec | None, to_memory: bool, quiet: bool, before: bool = False) -> Scenes:
-    """The scene without and with its trees. `to_memory`: refuse one in a store; `before`: also before its change."""
+def opened(spec: SceneSpec, trees: VegetationSpec | None, quiet: bool, before: bool = False) -> Scenes:
+    """The scene without and with its trees; `before`: also before its change."""
     if spec.added or spec.removed:
         change = open_change(spec, quiet)
         if not before:
@@ -146,8 +146,6 @@ def opened(spec: SceneSpec, trees: VegetationSpec | None, to_memory: bool, quiet
         planted = add_vegetation(shared, trees)  # trees stand on what both states share
         return Scenes(shared, change.state(planted, "after"), change, change.state(planted, "before"))
     bare = open_scene(spec, quiet)
-    if to_memory:
-        bare = in_memory(bare)
     return Scenes(bare, add_vegetation(bare, trees))
 
 
@@ -171,11 +169,6 @@ class StudyCommand(SceneArguments, Generic[_Options, _Result]):
     files: ClassVar[str | None] = "outputs"  # name of the written files in JSON; None: the summary names them
 
     # What is a study's own:
-
-    @property
-    def needs_memory(self) -> bool:
-        """Whether a scene in a store is refused."""
-        return False
 
     def check(self) -> None:
         """Raise an InputError for what can be refused before the scene is read."""
@@ -282,7 +275,7 @@ class StudyCommand(SceneArguments, Generic[_Options, _Result]):
             self.check_output(path)
         executor = self._executor()
         with StudyRun(self) as run:
-            scenes = run.open(spec, trees, self.needs_memory, self.in_both_states)
+            scenes = run.open(spec, trees, self.in_both_states)
             if sheet is not None:
                 self.check_sheet(sheet, scenes)
             if any(path.suffix.lower() == ".html" for name in ("output", "page") for path in self.paths(name)):
@@ -290,6 +283,7 @@ class StudyCommand(SceneArguments, Generic[_Options, _Result]):
             result = run.timed(self.work_of_states(scenes, executor))
             if result is None:
                 return report_shard(executor, self, run.seconds)
+            run.traced = traced_share(executor)
             self.describe(result, scenes)
             for name, write in self.writers(result, scenes).items():
                 run.save(partial(write, sheet=sheet) if name == "map" else write, self.paths(name))
@@ -368,7 +362,7 @@ def _has_path(value: object) -> bool:
 def start_on_node(command: StudyCommand[Any, Any], paths: dict[str, str], threads: int, executor: "Executor") -> None:
     """Start a study on a node of a cluster: its units go to the executor. As `cluster.ray_workers.Prepare`."""
     there = command.on_node(paths, threads)
-    scenes = opened(there.spec, there.tree_spec, there.needs_memory, True, there.in_both_states)
+    scenes = opened(there.spec, there.tree_spec, True, there.in_both_states)
     there.work_of_states(scenes, executor)()
 
 

@@ -27,7 +27,7 @@ EXAMPLES = {
     "room": Example("room.glb", "a closed hall with columns, a table and shelves"),
     "temple": Example("temple.glb", "a temple of fluted columns under a roof of tiles"),
     "town": Example("town.glb", "houses, trees, cars and lamps along two streets"),
-    "village": Example("village.city.json", "houses on the hills in EPSG:7415, CityJSON"),
+    "village": Example("village.city.json", "a street with houses and trees on the hills in EPSG:7415, CityJSON"),
 }
 """All scenes by name."""
 
@@ -83,7 +83,7 @@ def town() -> "Scene | PagedScene":
 
 
 def village() -> "Scene | PagedScene":
-    """CityJSON: houses on the slopes of `hills`, in EPSG:7415. Requires antumbra[gis]."""
+    """CityJSON: a street with houses and trees on the slopes of `hills`, in EPSG:7415. Requires antumbra[gis]."""
     return _load("village")
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ..base.checks import flag, number, quoted, unit_vectors
 from ..base.checks import points as checked_points
 from ..base.errors import InputError
+from ..base.wording import counted
 from ..city.sun.sun_visibility import direction_order, sensor_order
 from ..city.tables.bit_matrices import unpack_bits
 from ..engine.scene import Scene
@@ -67,7 +68,9 @@ def intersection_matrix(
     towards = unit_vectors(_rows(vectors, "vectors"), "vector")
     places, facing = _rows(points, "points"), _rows(normals, "normals")
     if len(places) != len(facing):
-        raise InputError(f"{len(places)} points and {len(facing)} normals; give a normal for each point")
+        raise InputError(
+            f"{counted(len(places), 'point')} and {counted(len(facing), 'normal')}; give a normal for each point"
+        )
     facing = unit_vectors(facing, "the normal of point")
     places = places + number(offset_distance, "offset_distance") * facing
     cosines = flag(numericalize, "numericalize")

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base.checks import choice, flag, rows_of, vector
 from ..base.errors import InputError
+from ..base.wording import counted
 from ..city.sensors.sensors import Sensors, face_sensors, vertex_sensors
 from ..city.sensors.surface_groups import unit_normals
 from ..city.sun.sun_hours import sky_view, sun_hours
@@ -76,7 +77,7 @@ class _TriangleMesh:
         self.face_normals = unit_normals(self.vertices[self.faces])
 
 
-class _Triangles(NamedTuple):
+class _SurfaceTriangles(NamedTuple):
     """The triangles of a data set's surface."""
 
     points: Any  # (p, 3) float
@@ -94,7 +95,7 @@ def _surface_of(dataset: Any, on: str) -> _Surface:
     return _Surface(scene, vertex_sensors(scene), cells, corners, dataset.n_points)
 
 
-def _triangles_in(dataset: Any) -> _Triangles:
+def _triangles_in(dataset: Any) -> _SurfaceTriangles:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # PyVista warns about its own defaults
         if isinstance(dataset, pyvista.PolyData):
@@ -107,7 +108,7 @@ def _triangles_in(dataset: Any) -> _Triangles:
             points, corners = surface.points, np.asarray(surface.point_data["vtkOriginalPointIds"])[faces]
     if not len(faces):
         raise InputError(f"the {type(dataset).__name__} has no surface; give one with polygons or cells")
-    return _Triangles(points, faces, cells, corners)
+    return _SurfaceTriangles(points, faces, cells, corners)
 
 
 def _triangles_of(mesh: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -253,7 +254,9 @@ class DatasetAccessor:
         if not isinstance(surface, pyvista.PolyData):
             raise InputError(f"the surface is a {type(surface).__name__}; give a pyvista.PolyData")
         if flag(check_surface, "check_surface") and surface.n_open_edges:
-            raise InputError(f"the surface has {surface.n_open_edges} open edges; close it, or set check_surface=False")
+            raise InputError(
+                f"the surface has {counted(surface.n_open_edges, 'open edge')}; close it, or set check_surface=False"
+            )
         inside = np.zeros(self._dataset.n_points, bool)
         if surface.n_cells:
             inside = DatasetAccessor(surface)._intersector().scene.contains(np.asarray(self._dataset.points))

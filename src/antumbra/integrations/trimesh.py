@@ -309,15 +309,23 @@ def _checked(ray_origins: ArrayLike, ray_directions: ArrayLike) -> _RayRows:
     origins, directions = _rows(ray_origins, "ray_origins"), _rows(ray_directions, "ray_directions")
     if origins.shape != directions.shape:
         raise InputError(f"{len(origins)} ray_origins and {len(directions)} ray_directions; give one of each per ray")
-    longest, farthest = (np.abs(each).max(axis=1, initial=0.0) for each in (directions, origins))
-    low, high = _ORDINARY
-    if ((longest >= low) & (longest <= high) & (farthest <= _LARGEST)).all():
+    if _are_ordinary(origins, directions):
         return _RayRows(origins, directions, np.inf)
+    longest, farthest = (np.abs(each).max(axis=1, initial=0.0) for each in (directions, origins))
     misses = ~((longest > 0.0) & (longest < np.inf) & (farthest <= _LARGEST))  # NaN, too
     _, exponents = np.frexp(np.where(misses, 1.0, longest).astype(np.float64))
     scaled = np.ldexp(directions.astype(np.float64), -exponents[:, None])  # exact
     blank = misses[:, None]
     return _RayRows(np.where(blank, 0.0, origins), np.where(blank, 1.0, scaled), np.where(misses, 0.0, np.inf))
+
+
+def _are_ordinary(origins: NDArray[Any], directions: NDArray[Any]) -> bool:
+    """Whether all rays may be passed on as they are; by whole arrays, since maxima of rows take longer than tracing."""
+    if not len(origins):
+        return True
+    squares, (low, high) = np.einsum("ij,ij->i", directions, directions, dtype=np.float64), _ORDINARY
+    is_far = not (origins.min() >= -_LARGEST and origins.max() <= _LARGEST)  # NaN, too
+    return not is_far and bool(squares.min() >= low**2 and squares.max() <= high**2)
 
 
 def _rows(value: ArrayLike, what: str) -> NDArray[Any]:

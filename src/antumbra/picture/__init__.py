@@ -5,10 +5,14 @@
 - `frame`: `Frame`, and the state shared by the passes of a frame
 - `frame_request`: checked arguments, memory estimate and shadow queries of a frame
 - `frame_passes`: the passes of a frame, from evaluation to smooth edges
+- `bounced_light`: paths of diffuse rays
 - `row_bands`: pictures traced in bands of rows
 - `shadow_catcher`: an invisible ground plane that shows the shadows cast on it
 - `virtual_point_lights`: instant radiosity
 - `pixel_appearance`: base colours and shading normals of pixels
+- `pixel_materials`: maps of glTF materials in pixels
+- `ggx`: the GGX lobe of glTF
+- `material_shading`: lobes, mirrored skies and emitted light
 - `irradiance`: unshadowed irradiance in closed form
 - `light_visibility`: visible fractions of lights from occlusion bits
 - `shading`: diffuse shading and background

@@ -22,7 +22,15 @@ from ..engine.primary_visibility import primary_visibility
 from ..engine.refitted_rays import RayTreeRefit
 from ..engine.scene import Scene
 from ..engine.scene_loading import load
-from ..engine.small_scenes import UP, small_instances, small_scene, small_scene_with_cutouts, small_terrain, small_view
+from ..engine.small_scenes import (
+    UP,
+    small_instances,
+    small_scene,
+    small_scene_of_metal,
+    small_scene_with_cutouts,
+    small_terrain,
+    small_view,
+)
 from ..engine.sources.in_memory_source import RAY_PLANS
 from ..engine.sources.paged_source import Paged
 from ..engine.sources.source_protocols import CameraView, FrameMemory
@@ -38,12 +46,14 @@ from ..scene.instance_data import InstanceData
 from ..scene.light_lists import DirectionalLights
 from ..scene.lights import Light, QuadLight
 from ..scene.scene_data import MemoryData
+from ..scene.sky import Sky
 from ..scene.triangles import HitFilter
 from ..techniques.srdh.representative_rays import SrdhRays
 from ..trace.counters import new_counters
 from ..trace.device import settling
 from ..trace.device.device_rays import pack_receivers
 from ..trace.rays.local_rays import local_rays
+from ..trace.rays.row_tiles import FEWEST
 from ..trace.terrain.terrain_ray_lists import trace_rays
 from .frame import FrameState
 from .frame_passes import render_frame
@@ -67,6 +77,7 @@ def _trace_rays() -> None:
     scene = Scene.of_data(small_scene())
     scene.occluded([0.0, 0.0, 0.0], [1.0, 1.0, 1.0], threads=1)
     scene.closest_hit([0.0, 0.0, 0.0], [1.0, 1.0, 1.0], threads=1)
+    scene.occluded([0.0, 0.0, 0.0], np.ones((FEWEST, 3)), threads=1)  # rows are sought
 
 
 def _find_all_hits(scene: Scene) -> None:
@@ -150,7 +161,9 @@ def _trace_rays_over_terrain() -> None:
     """A ray, without the tree that a scene builds soon."""
     data = small_terrain()
     rays = rays_of(np.zeros((1, 3)), np.ones(3), HitFilter(), (0.0, 0.0, 0.0), data.n_triangles)
-    trace_rays(TerrainPyramid(data).tree, None, local_rays(rays.arrays(), 0), hit_arrays(1, True), 1)
+    tree = TerrainPyramid(data).tree
+    assert tree is not None  # it is in memory
+    trace_rays(tree, None, local_rays(rays.arrays(), 0), hit_arrays(1, True), 1)
 
 
 def _wide_lights() -> None:
@@ -178,11 +191,16 @@ def example_frame(
     *,
     view: tuple[Camera, list[Light]] | None = None,
     textured: bool = False,
+    scene: MemoryData | None = None,
 ) -> None:
-    """Render a frame of the small scene; `view`: camera and lights, `textured`: with textures and smooth normals."""
+    """Render a frame of the small scene or another one.
+
+    view : camera and lights
+    textured : whether the small scene has textures and smooth normals
+    """
     if plan.tracer.chooses:
         _trace_all_strategies(options.counters)
-    scene = small_scene(textured)
+    scene = scene or small_scene(textured)
     engine = Engine(scene, plan, 2, gbuffer=gbuffer)
     camera, lights = view or small_view(bool(options.filter), sky=options.bounce is None)
     request = request_of(camera, lights, options, None if options.ground is False else options.ground)
@@ -213,6 +231,12 @@ def _listed_camera() -> None:
     example_frame(Plan(), view=(above, lights))
 
 
+def _materials() -> None:
+    """Surfaces with lobes below a lamp and a sky."""
+    camera, lights = small_view()
+    example_frame(_DEFAULT, view=(camera, [lights[0], Sky(up="y")]), scene=small_scene_of_metal())
+
+
 def _devices() -> None:
     """What the CPU does for devices."""
     triangles, (camera, lights) = small_scene().triangles(0.0, 2), small_view()
@@ -240,6 +264,7 @@ EXAMPLES: dict[str, Callable[[], object]] = {
     "filter and refinement": lambda: example_frame(_DEFAULT, options=QUALITY),
     "anti-aliasing": lambda: example_frame(_DEFAULT, options=replace(PLAIN, antialias=True)),
     "textures and normals": lambda: example_frame(_DEFAULT, textured=True),
+    "materials": _materials,
     "a ground": lambda: example_frame(_DEFAULT, options=replace(QUALITY, ground=1.95)),  # lights are partly below it
     "orthographic and panoramic cameras": _listed_camera,
     "light that bounces (raster)": lambda: example_frame(_DEFAULT, "raster", replace(PLAIN, bounce=1)),

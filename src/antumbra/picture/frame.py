@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.progress import PhaseClock
+from ..base.wording import counted
 from ..engine.auto.strategies import StrategyChoice
 from ..engine.engine import Engine
 from ..engine.tree_choice import TreeChoice
@@ -16,6 +17,7 @@ from ..query.gbuffer import GBuffer
 from ..query.shadow_query import ShadowQuery, Surfaces, ray_count, surface_queries
 from ..query.surface_links import PictureSurfaces
 from ..scene.camera import Camera
+from ..scene.height_tints import height_tints
 from ..scene.lights import Light
 from ..scene.sky import Sky
 from ..trace.counters import new_counters
@@ -25,7 +27,8 @@ from .image_files import LUMINANCE
 from .irradiance import PixelNormals, pixel_normals
 from .light_visibility import irradiance_shares
 from .pixel_appearance import albedo, eye_of, shading_normals, surface_points
-from .render_options import RenderOptions
+from .pixel_materials import with_materials
+from .render_options import PBR, RenderOptions
 from .shading import Illumination, arriving_irradiance, shade
 
 # --- Results: frame, layers, ground and timings -----------------------------------------------------------------------
@@ -35,7 +38,7 @@ PHASES = ("evaluate", "gbuffer", "cull", "build", "trace", "filter", "shade")
 
 
 class Layers(NamedTuple):
-    """The parts of a frame's image. Except at refined edges, they and the ambient light add up to the image."""
+    """The parts of a frame's image. Except at refined edges, they, ambient and emitted light add up to the image."""
 
     albedo: NDArray[np.float32]  # (H, W, 3) float32, linear: the base colour of the surface; 0 in the background
     lights: list[NDArray[np.float32]]  # per light (H, W, 3): the image lit by this light alone, with its shadows
@@ -79,7 +82,7 @@ class Frame(NamedTuple):
     timings: dict[str, float]  # seconds of each phase in PHASES, and "total"; compilation is never included
     counters: dict[str, int] | None  # sums over the shadow rays (see trace.counters); None unless requested
     refined: NDArray[np.bool_] | None = None  # (H, W): refined pixels in penumbrae and at edges; None unless requested
-    indirect: NDArray[np.float32] | None = None  # (H, W, 3) float32: irradiance after one bounce; None unless requested
+    indirect: NDArray[np.float32] | None = None  # (H, W, 3) float32: irradiance of bounced light; None unless requested
     scheduled: list[dict[str, Any]] | None = None  # CHC+RT only: statistics of each query, see `Statistics.as_dict`
     paging: dict[str, int] | None = None  # stores only: chunks read and evicted, see `store.chunk_residency.Paging`
     plan: str = ""  # the methods that ran; for the plan "auto", those that it chose
@@ -146,7 +149,7 @@ class Frame(NamedTuple):
     def __repr__(self) -> str:
         height, width = self.image.shape[:2]
         lights, seconds = len(self.visibility), self.timings["total"]
-        about = f"{width}x{height}, {lights} light{'s' * (lights != 1)}, {self.rays:,} rays, {1000 * seconds:.3g} ms"
+        about = f"{width}x{height}, {counted(lights, 'light')}, {counted(self.rays, 'ray')}, {1000 * seconds:,.0f} ms"
         return f"Frame({about}, plan {self.plan!r}; {', '.join(self._fields)})"
 
 
@@ -159,7 +162,7 @@ class TracedBits(NamedTuple):
     bits: list[NDArray[np.uint64]]  # per light (H, W, words) uint64
     finer: list[NDArray[np.uint64]]  # per light (H, W, words) uint64, in refined penumbrae; empty without refinement
     edges: list[NDArray[np.uint64]]  # per light (edges, 4, 4, words) uint64: sub-pixels of edges, row by row
-    indirect: NDArray[np.float32] | None  # (H, W, 3) float32, irradiance after one bounce, unfiltered
+    indirect: NDArray[np.float32] | None  # (H, W, 3) float32, irradiance of bounced light, unfiltered
 
 
 class FrameState:
@@ -240,16 +243,8 @@ def surface_facing(surfaces: Surfaces) -> PixelNormals:
     return pixel_normals(surfaces.gbuffer, surfaces.shading)
 
 
-def shade_surfaces(
-    state: FrameState,
-    surfaces: Surfaces,
-    arrived: list[np.ndarray],
-    shares: list[np.ndarray],
-    ambient: np.ndarray,
-    indirect: np.ndarray | None = None,
-) -> NDArray[np.float32]:
-    """Shade these surfaces: (H, W, 3) float32. The arguments are those of `picture.shading.Illumination`."""
-    illumination = Illumination(state.request.lights, arrived, shares, ambient, indirect)
+def shade_surfaces(state: FrameState, surfaces: Surfaces, illumination: Illumination) -> NDArray[np.float32]:
+    """Shade these surfaces as diffuse ones: (H, W, 3) float32."""
     return shade(*shading_inputs(surfaces), illumination, state.tracer.scene.up, state.threads)
 
 
@@ -268,12 +263,16 @@ def shading_inputs(surfaces: Surfaces) -> tuple[GBuffer, np.ndarray]:
 
 
 def with_appearance(state: FrameState, surfaces: Surfaces, parts: int = 1) -> Surfaces:
-    """Add base colours and shading normals of pixels, if the scene has textures or smooth normals.
+    """Add base colours, shading normals and materials of pixels, if the scene has any.
 
     parts : sub-pixels along a side of a pixel
     """
-    appearance, request = state.tracer.scene.appearance, state.request
+    scene, request = state.tracer.scene, state.request
+    appearance = scene.appearance
     if appearance is None:
+        if request.options.textures and request.options.materials == PBR and scene.terrain is not None:
+            tints = height_tints(scene, surfaces.gbuffer.position)
+            surfaces = surfaces._replace(albedo=np.where(surfaces.ids[..., None] >= 0, tints, np.float32(0.0)))
         return surfaces
     places = surface_points(surfaces)
     if request.options.textures and (appearance.textured.any() or appearance.colours is not None):
@@ -281,21 +280,23 @@ def with_appearance(state: FrameState, surfaces: Surfaces, parts: int = 1) -> Su
         surfaces = surfaces._replace(albedo=albedo(places, surfaces.triangles.colour, appearance, eye, state.threads))
     if request.options.smooth_normals and appearance.normals is not None:
         surfaces = surfaces._replace(shading=shading_normals(places, appearance, state.threads))
+    if request.options.materials == PBR and appearance.pbr is not None:
+        surfaces = with_materials(surfaces, places, appearance, eye_of(state.tracer.view, parts), state.threads)
     state.clock.lap("shade")
     return surfaces
 
 
-def shade_unfiltered(
+def unfiltered_light(
     state: FrameState,
     surfaces: Surfaces,
     traced: list[TracedQuery],
     ambient: np.ndarray,
     indirect: np.ndarray | None = None,
-) -> NDArray[np.float32]:
-    """Shade these surfaces with unfiltered bits: (H, W, 3) float32."""
+) -> Illumination:
+    """The light that reaches these surfaces, from unfiltered bits. The arguments are those of `Illumination`."""
     facing = surface_facing(surfaces)
     shares = [irradiance_shares(facing, each, state.threads) for each in traced]
-    return shade_surfaces(state, surfaces, arriving_light(state, surfaces, traced), shares, ambient, indirect)
+    return Illumination(state.request.lights, arriving_light(state, surfaces, traced), shares, ambient, indirect)
 
 
 def edge_colours(state: FrameState) -> NDArray[np.float32]:

@@ -1,23 +1,20 @@
 """The passes of one frame: evaluate, G-buffer, trace, filter, refine, bounce, shade, layers, and smooth edges."""
 
-from collections.abc import Iterable, Iterator
-from itertools import islice
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.frame_tracer import FrameMethods
 from ..query.pixel_refinement import BLOCK, block_copies, block_means, edges, picture_of
-from ..query.ray_passes import diffuse_rays
 from ..query.receivers import NOTHING
 from ..query.shadow_query import ShadowQuery, Surfaces, join_bands
 from ..query.surface_links import PictureSurfaces, picture_surfaces
-from ..scene.lights import Light, is_indirect, light_names
+from ..scene.lights import is_indirect, light_names
 from ..scene.sky import Sky
 from ..trace.counters import as_dict
-from ..trace.rays.ray_hits import Nearest
 from ..trace.transmission import TracedQuery
+from .bounced_light import indirect_light
 from .discontinuity_filter import smooth_irradiance
 from .frame import (
     Frame,
@@ -28,16 +25,17 @@ from .frame import (
     edge_colours,
     queries_of,
     shade_surfaces,
-    shade_unfiltered,
     shading_inputs,
     surface_facing,
     trace_queries,
     trace_query,
+    unfiltered_light,
     with_appearance,
     with_known_bits,
 )
-from .frame_request import LIGHT_BYTES, PASS_BYTES, SURFACE_BYTES, edge_bytes, frame_memory, ray_counts
+from .frame_request import edge_bytes, frame_memory, ray_counts
 from .light_visibility import LightFractions, finer_query, light_fractions, refine_fractions, without_equal_samples
+from .material_shading import MaterialShading
 from .morphological_antialiasing import mixture
 from .shading import Illumination, ambient_light, shade
 from .shadow_catcher import ShadowCatcher
@@ -54,24 +52,23 @@ def frame_layers(
     traced: list[TracedQuery],
     shares: list[np.ndarray],
     indirect: np.ndarray | None,
+    materials: MaterialShading | None,
 ) -> Layers:
     """The `Layers` of a frame: shades its surfaces once more for each light."""
     request, ids = state.request, surfaces.ids
     gbuffer, colour = shading_inputs(surfaces)
-    arrived, dark = (
-        arriving_light(state, surfaces, traced, visible if request.smooth else None),
-        np.zeros(3, np.float32),
-    )
+    arrived, dark = arriving_light(state, surfaces, traced, visible), np.zeros(3, np.float32)
     up = state.tracer.scene.up
 
-    def shaded(
-        lights: list[Light], arrived: list[np.ndarray], shares: list[np.ndarray], indirect: np.ndarray | None = None
-    ) -> np.ndarray:
-        illumination = Illumination(lights, arrived, shares, dark, indirect)
-        return shade(gbuffer, colour, illumination, up, state.threads)
+    def shaded(numbers: list[int], indirect: np.ndarray | None = None) -> np.ndarray:
+        illumination = Illumination(request.lights, arrived, shares, dark, indirect).only(numbers)
+        image = shade(gbuffer, colour, illumination, up, state.threads)
+        if materials is not None:
+            materials.shade(image, numbers, illumination, dark)
+        return image
 
-    images = [shaded([light], [a], [s]) for light, a, s in zip(request.lights, arrived, shares)]
-    bounced = None if indirect is None else shaded([], [], [], indirect)
+    images = [shaded([k]) for k in range(len(request.lights))]
+    bounced = None if indirect is None else shaded([], indirect)
     hit = ids >= 0
     albedo = np.where(hit[..., None], colour[np.where(hit, gbuffer.face, 0)], np.float32(0.0))
     objects = state.tracer.scene.object_of_face[np.where(hit, ids, 0)]
@@ -102,50 +99,6 @@ def smooth_edges(
     return coverage
 
 
-# --- Bounced light ----------------------------------------------------------------------------------------------------
-
-
-_BLACK = np.zeros(3, np.float32)
-_SMOOTHINGS = 6
-"""Filter passes over bounced light. It varies slowly over a surface, and one window has few of its rays."""
-_T = TypeVar("_T")
-
-
-def indirect_light(state: FrameState, surfaces: Surfaces, origins: np.ndarray, nearest: Nearest) -> NDArray[np.float32]:
-    """(H, W, 3) float32: irradiance after one bounce, estimated with one diffuse ray per pixel and pass.
-
-    origins : (H, W, 3) float32, the receivers of the surfaces
-    nearest : finds the closest hits of the rays of passes
-
-    Rays have cosine density, so the irradiance is pi times the mean radiance of the surfaces they meet. These surfaces
-    are diffuse and lit by the lights alone, with shadows. Rays that leave the scene contribute zero: a sky is one of
-    the lights, so its light has already arrived directly.
-
-    A store traces as many passes at once as memory allows, and then their shadow rays [Mattausch et al. 2015].
-    """
-    passes, gbuffer, ids = state.request.passes, surfaces.gbuffer, surfaces.ids.reshape(-1)
-    assert passes is not None
-    radiance = np.zeros((*gbuffer.face.shape, 3))
-    at_once, shape, n_lights = state.tracer.passes_at_once, gbuffer.face.shape, len(passes.lights)
-    for batch in _batches(range(len(passes.directions)), at_once(PASS_BYTES * gbuffer.face.size)):
-        rays = [diffuse_rays(gbuffer, origins, passes.directions[k], state.threads)._replace(skip=ids) for k in batch]
-        hits = zip(batch, nearest(rays, shape))
-        for group in _batches(hits, at_once((SURFACE_BYTES + LIGHT_BYTES * n_lights) * gbuffer.face.size)):
-            queries = [queries_of(state, hit, [of_light[k] for of_light in passes.lights]) for k, hit in group]
-            traced = trace_queries(state, [query for of_pass in queries for query in of_pass])
-            for i, (_, hit) in enumerate(group):
-                part = slice(i * n_lights, (i + 1) * n_lights)
-                radiance += shade_unfiltered(state, hit, traced[part], _BLACK)
-    return (np.pi / len(passes.directions) * radiance).astype(np.float32)
-
-
-def _batches(items: Iterable[_T], n: int) -> Iterator[list[_T]]:
-    """Lists of up to n items, in order."""
-    iterator = iter(items)
-    while some := list(islice(iterator, n)):
-        yield some
-
-
 # --- The passes -------------------------------------------------------------------------------------------------------
 
 
@@ -160,16 +113,22 @@ def render_frame(state: FrameState) -> Frame:
     if request.finer is not None:
         edge, finer = refine(state, surfaces, visible, traced, fractions)
     visibility, shares = [light.fraction for light in fractions], [light.share for light in fractions]
-    if request.passes is not None:
+    if request.passes:
         indirect = bounce(state, surfaces, visible, traced)
-    image, ambient, fill = shade_frame(state, surfaces, visible, traced, shares, indirect)
+    materials = None
+    if surfaces.materials is not None:
+        smooth = request.smooth or request.smooth_skies
+        materials = MaterialShading(state, surfaces, traced, visible if smooth else None)
+    image, ambient, fill = shade_frame(state, surfaces, visible, traced, shares, indirect, materials)
     catcher = None if request.ground is None else ShadowCatcher(state, fill)
     ground = None if catcher is None else catcher.ground(surfaces)
     fill_background(state, surfaces, image, ground)
-    layers = frame_layers(state, surfaces, visible, traced, shares, indirect) if request.options.layers else None
+    layers = None
+    if request.options.layers:
+        layers = frame_layers(state, surfaces, visible, traced, shares, indirect, materials)
     if edge is not None and edge.any():
         coverage = (surfaces.ids >= 0).astype(np.float32)
-        shade_edges(state, edge, EdgeInputs(image, coverage, ground, catcher), ambient, indirect)
+        shade_edges(state, edge, EdgeInputs(image, coverage, ground, catcher, fill), ambient, indirect)
     if request.options.smooths_edges:
         coverage = smooth_edges(state, surfaces, visible, [image, *(layers.images if layers else [])], ground)
     gbuffer = surfaces.gbuffer._replace(face=surfaces.ids)
@@ -206,7 +165,7 @@ def render_frame(state: FrameState) -> Frame:
 def evaluate(state: FrameState) -> None:
     """Evaluate the triangles at the frame's time, and build their tree if primary visibility uses rays."""
     request = state.request
-    state.tracer.begin(frame_memory(request), *ray_counts(request), request.options.time)
+    state.tracer.begin(frame_memory(request), *ray_counts(request), request.options.time, request.frames)
     state.clock.lap("evaluate")
     if state.tracer.build_for_camera(request.camera):
         state.clock.lap("build")
@@ -290,10 +249,14 @@ def _known(state: FrameState, bits: np.ndarray, query: ShadowQuery) -> TracedQue
     return with_known_bits(state, [query], [bits])[0]
 
 
+_SMOOTHINGS = 6
+"""Filter passes over bounced light. It varies slowly over a surface, and one window has few of its rays."""
+
+
 def bounce(
     state: FrameState, surfaces: Surfaces, visible: PictureSurfaces, traced: list[TracedQuery]
 ) -> NDArray[np.float32]:
-    """(H, W, 3) float32: irradiance after one bounce, filtered on request."""
+    """(H, W, 3) float32: irradiance of bounced light, filtered on request."""
     step = state.request.options.bounce_step
     if state.known is None:
         nearest = state.tracer.closest_hits(state.clock.lap)
@@ -319,6 +282,7 @@ def shade_frame(
     traced: list[TracedQuery],
     shares: list[np.ndarray],
     indirect: np.ndarray | None,
+    materials: MaterialShading | None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The image, (H, W, 3) float32; its ambient light, (3,) float32; and the ambient light of the ground.
 
@@ -331,7 +295,11 @@ def shade_frame(
     if state.request.options.ambient:
         fill = ambient_light(surfaces.gbuffer, [lights[k] for k in direct], [arrived[k] for k in direct], state.threads)
     ambient = fill if indirect is None and len(direct) == len(lights) else np.zeros(3, np.float32)
-    image = shade_surfaces(state, surfaces, arrived, shares, ambient, indirect)
+    illumination = Illumination(lights, arrived, shares, ambient, indirect)
+    image = shade_surfaces(state, surfaces, illumination)
+    if materials is not None:
+        materials.shade(image, range(len(lights)), illumination, fill)
+        materials.emit(image)
     state.clock.lap("shade")
     return image, ambient, fill
 
@@ -368,6 +336,7 @@ class EdgeInputs(NamedTuple):
     coverage: np.ndarray  # (H, W) float32: share of each pixel that shows surfaces
     ground: Ground | None  # whose `share` is updated
     catcher: ShadowCatcher | None
+    fill: np.ndarray  # (3,) float32: the ambient light of the ground
 
 
 def shade_edges(
@@ -406,7 +375,13 @@ def _shade_edges(
         traced = with_known_bits(state, queries, bits)
     state.clock.lap("trace")
     around = None if indirect is None else block_copies(indirect[edge], pixels.ids.shape)
-    blocks = shade_unfiltered(state, with_appearance(state, pixels, BLOCK), traced, ambient, around)
+    pixels = with_appearance(state, pixels, BLOCK)
+    light = unfiltered_light(state, pixels, traced, ambient, around)
+    blocks = shade_surfaces(state, pixels, light)
+    if pixels.materials is not None:
+        materials = MaterialShading(state, pixels, traced, parts=BLOCK)
+        materials.shade(blocks, range(len(light.lights)), light, inputs.fill)
+        materials.emit(blocks)
     covered = (pixels.ids >= 0).astype(np.float32)
     count = int(np.count_nonzero(edge))
     share = block_means(covered, count)

@@ -3,6 +3,7 @@
 A store may use for its chunks whatever the memory estimate leaves of the limit.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -19,7 +20,7 @@ from ..query.equal_samples import traced_samples, with_distinct_samples
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples
 from ..query.pixel_refinement import FinerSamples, finer_samples
-from ..query.ray_passes import Passes, diffuse_passes
+from ..query.ray_passes import Passes, diffuse_passes, path_passes
 from ..query.shadow_query import CULL_FACES, ShadowQuery, shadow_queries, surface_queries
 from ..scene.camera import Camera
 from ..scene.lights import Light
@@ -37,9 +38,10 @@ class Request(NamedTuple):
     options: RenderOptions  # with the time clamped to the scene's duration
     samples: list[np.ndarray]  # per light (16, n, 3), from `light_samples`
     finer: FinerSamples | None = None  # samples of refined pixels; None: no refinement
-    passes: Passes | None = None  # passes of diffuse rays; None: no bounced light
+    passes: Sequence[Passes] = ()  # passes of diffuse rays, of each bounce; empty: no bounced light
     ground: float | None = None  # height of the shadow-catcher plane, world space; None: no plane
     progress: ProgressCallback | None = None
+    frames: int = 1  # estimated number of frames from this one on
 
     @property
     def facing(self) -> int:
@@ -69,8 +71,18 @@ def request_of(camera: Camera, lights: list[Light], options: RenderOptions, grou
     lights = [light.drawn(seed) for light in lights]
     samples = [light_samples(light, options.spp, sampler, seed) for light in lights]
     finer = None if options.adaptive is None else finer_samples(lights, options.adaptive, sampler, seed)
-    passes = None if options.bounce is None else diffuse_passes(lights, options.bounce, sampler, seed)
-    return Request(camera, lights, options, samples, finer, passes, ground)
+    return Request(camera, lights, options, samples, finer, _passes_of(lights, options), ground)
+
+
+def _passes_of(lights: list[Light], options: RenderOptions) -> list[Passes]:
+    """The passes of each bounce."""
+    n, sampler, seed = options.bounce, options.sampler, options.seed
+    if n is not None:
+        first = diffuse_passes(lights, n, sampler, seed)
+        return [first, *path_passes(lights, n, sampler, options.bounces, seed, 1)]
+    if options.bounces > 1:
+        raise InputError(f"bounces is {options.bounces}, but there are no diffuse rays; add bounce, such as bounce=16")
+    return []
 
 
 def ray_counts(request: Request) -> tuple[int, int]:
@@ -80,7 +92,7 @@ def ray_counts(request: Request) -> tuple[int, int]:
     """
     pixels = request.camera.width * request.camera.height
     rays = pixels * sum(map(traced_samples, request.lights, request.samples))
-    bounced = 0 if request.passes is None else len(request.passes.directions) * (1 + len(request.lights))
+    bounced = sum(len(passes.directions) * (1 + len(request.lights)) for passes in request.passes)
     others = (request.finer is not None) + (request.ground is not None)
     return rays, _grid_pixels(request) * bounced + rays * others
 
@@ -103,6 +115,8 @@ _BAND_BYTES = 40  # surfaces of bands, while they are concatenated
 _SMOOTH_BYTES = 64
 _EDGE_BYTES = 40  # smoothed edges: their boundaries, and the shares of neighbours
 _FINER_BYTES = 96  # refined penumbrae
+PATH_BYTES = 24  # the light that arrives along a path, until it is added to the pixel's
+SHARE_BYTES = 12  # of the light at a hit, which arrives at the pixel
 _BOUNCE_BYTES = 80
 
 SUBPIXELS = 16
@@ -120,12 +134,17 @@ def frame_memory(request: Request) -> FrameMemory:
     if request.finer is not None:
         bytes_ += _FINER_BYTES * len(request.samples)
         passes = edge_bytes(len(request.lights)) // _EDGES
-    if request.passes is not None:
+    if request.passes:
         bytes_ += _BOUNCE_BYTES
-        each = PASS_BYTES + SURFACE_BYTES + LIGHT_BYTES * len(request.lights)
-        traced = each * len(request.passes.directions) * _grid_pixels(request)
+        traced = (PASS_BYTES + group_bytes(request)) * len(request.passes[0].directions) * _grid_pixels(request)
         return FrameMemory(bytes_ * pixels, cells * pixels, max(passes * pixels, traced))
     return FrameMemory(bytes_ * pixels, cells * pixels, passes * pixels)
+
+
+def group_bytes(request: Request) -> int:
+    """Bytes per pixel for the surfaces that a pass meets, and for what follows from there."""
+    later = PASS_BYTES + SHARE_BYTES if len(request.passes) > 1 else 0
+    return SURFACE_BYTES + PATH_BYTES + LIGHT_BYTES * len(request.lights) + later
 
 
 def edge_bytes(lights: int) -> int:

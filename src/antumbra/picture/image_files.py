@@ -19,6 +19,7 @@ from ..base.errors import InputError
 from ..base.extras import import_extra
 from ..base.files import atomic_output, checked_output
 from ..base.forks import hold_during_fork
+from ..base.wording import some_of
 from ..kernels.elementary import exp
 from ..kernels.parallel import map_in_threads, thread_count
 from ..kernels.small_matrices import dot
@@ -38,7 +39,7 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 PERCENTILE = 97.0
 BRIGHT = 0.75  # leaves room for highlights
 MIDDLE = 0.4
-MOST_BRIGHTER = 1.7
+MOST_BRIGHTER = 3.0
 WIDE = 85.0
 WIDE_AT_MOST = 0.75
 SHOULDER = 0.6  # light below this stays linear; light above it rolls off towards white
@@ -302,12 +303,13 @@ def exr_channels(frame: Any) -> dict[str, np.ndarray]:
     """The channels of an EXR file: name -> (H, W) float32, or uint32 for ids. LAYER.C is channel C of a layer.
 
     R, G, B, A (1 where a surface is seen); shadow.NAME, the visible share of each light; depth.Z, normal.X/Y/Z,
-    position.X/Y/Z, triangle.id. With a ground, A is `Ground.lost` where no surface is seen, and ground.R/G/B is
-    `Ground.share`. `Frame.layers` add light.NAME.R/G/B, albedo.R/G/B, indirect.R/G/B and object.id.
+    position.X/Y/Z, triangle.id, and of int64 ids triangle.high, the upper 32 bits. With a ground, A is `Ground.lost`
+    where no surface is seen, and ground.R/G/B is `Ground.share`. `Frame.layers` add light.NAME.R/G/B, albedo.R/G/B,
+    indirect.R/G/B and object.id.
     """
     g, layers = frame.gbuffer, frame.layers
     names = frame.names or tuple(map(str, range(len(frame.visibility))))
-    channels = {**_split("", frame.image), "A": frame.mask, "depth.Z": g.depth, "triangle.id": g.face}
+    channels = {**_split("", frame.image), "A": frame.mask, "depth.Z": g.depth, **_ids("triangle", g.face)}
     if frame.ground is not None:
         channels |= {"A": np.where(frame.mask, np.float32(1.0), frame.ground.lost)}
         channels |= _split("ground.", frame.ground.share)
@@ -335,7 +337,15 @@ def exr_header(frame: Any) -> dict[str, str]:
 def exr_values(values: np.ndarray) -> np.ndarray:
     """Convert to a type that OpenEXR has. It has no signed integers: int32 ids become UINT with the same bits."""
     values = np.ascontiguousarray(values)
+    if values.dtype == np.uint32:
+        return values
     return values.view(np.uint32) if values.dtype == np.int32 else values.astype(np.float32, copy=False)
+
+
+def _ids(layer: str, values: np.ndarray) -> dict[str, np.ndarray]:
+    if values.dtype == np.int32:
+        return {f"{layer}.id": values}
+    return {f"{layer}.id": (values & 0xFFFFFFFF).astype(np.uint32), f"{layer}.high": (values >> 32).astype(np.int32)}
 
 
 def _split(layer: str, values: np.ndarray, names: str = "RGB") -> dict[str, np.ndarray]:
@@ -483,7 +493,7 @@ def _check_frame_count(path: Path, count: int) -> None:
     except RuntimeError:  # unreadable
         n_frames = 0
     if n_frames != count:
-        raise OSError(f"ffmpeg wrote {n_frames} of {count} pictures; is the disk full?")
+        raise OSError(f"ffmpeg wrote {some_of(n_frames, count, 'picture')}; is the disk full?")
 
 
 def _write_gif(pictures: Sequence[Path], path: Path, fps: float, progress: Callable[[int, int], Any] | None) -> None:

@@ -58,14 +58,14 @@ from .irradiance import PixelNormals, terminator_factor
 # (mypy counts the typing context among the arguments of intrinsics)
 
 
-_LANES = 16
+LANES = 16
 _TINY = np.float32(1e-14)  # squared distance below which a sample has no weight, relative to that of the light
 
 
 Vector32: TypeAlias = tuple[np.float32, np.float32, np.float32]
 
 
-class _Samples(NamedTuple):
+class SampleRows(NamedTuple):
     """The samples of a query, as pointers to rows of whole vectors: first the a, then the b of each set."""
 
     values: F32Ptr
@@ -83,7 +83,7 @@ class _Emitter(NamedTuple):
 
 
 @inlined
-def _emitter_at(pointers, i):
+def emitter_at(pointers, i):
     """The `_Emitter` of receiver i."""
     patch, p = patch_of(pointers, i), three_at(pointers.origins, i)
     c = patch.bx - p[0], patch.by - p[1], patch.bz - p[2]
@@ -101,14 +101,14 @@ def _scaled(a, scale):
 
 
 @inlined
-def _to_samples(emitter, a, b):
+def to_samples(emitter, a, b):
     """The vectors to 16 samples (a, b)."""
     c, u, v = emitter.c, emitter.u, emitter.v
     return c[0] + a * u[0] + b * v[0], c[1] + a * u[1] + b * v[1], c[2] + a * u[2] + b * v[2]
 
 
 @inlined
-def _weights(emitter, n, w):
+def sample_weights(emitter, n, w):
     """The weights of 16 samples along w, at a receiver with normal n."""
     zero, r2 = np.float32(0.0), dot(w, w)
     weight = maximum(dot(w, n), zero)
@@ -118,7 +118,7 @@ def _weights(emitter, n, w):
 
 
 @inlined
-def _sum(v):
+def sum_lanes(v):
     """The sum of 16 lanes."""
     v = v + swap_halves(v)
     v = v + shuffle(v, 4, 5, 6, 7, 0, 1, 2, 3, 12, 13, 14, 15, 8, 9, 10, 11)
@@ -144,10 +144,10 @@ def _weighted_share(pointers, samples, words, i, at, light, c):
     (emitter, n, g, bend, soft), row = at, row_of(light, i)
     first, zero = 2 * set_of(pointers, i) * samples.step, np.float32(0.0)
     total, arrived = splat16(zero), splat16(zero)
-    for s in range(0, pointers.spp, _LANES):
+    for s in range(0, pointers.spp, LANES):
         a, b = load16(samples.values, first + s), load16(samples.values, first + samples.step + s)
-        w = _to_samples(emitter, a, b)
-        weight = select(iota16() < pointers.spp - s, _weights(emitter, n, w), zero)
+        w = to_samples(emitter, a, b)
+        weight = select(iota16() < pointers.spp - s, sample_weights(emitter, n, w), zero)
         hidden = get(words, i * pointers.words + (s >> 6)) >> np.uint64(s & 63)
         passing = select(mask_from_bits16(hidden), zero, weight)
         if row >= 0:
@@ -155,8 +155,8 @@ def _weighted_share(pointers, samples, words, i, at, light, c):
         if soft:
             passing = passing * terminator_factor(g, n, bend, w)
         total, arrived = total + weight, arrived + passing
-    whole = _sum(total)
-    return _sum(arrived) / whole if whole > zero else zero
+    whole = sum_lanes(total)
+    return sum_lanes(arrived) / whole if whole > zero else zero
 
 
 @inlined
@@ -175,7 +175,7 @@ def _may_soften(pointers, i, n, bend):
 
 
 @inlined
-def _single(pointer, i):
+def single_at(pointer, i):
     """Vector i, in float32."""
     return get(pointer, 3 * i), get(pointer, 3 * i + 1), get(pointer, 3 * i + 2)
 
@@ -183,7 +183,7 @@ def _single(pointer, i):
 @kernel
 def _share_kernel(ticket, query, samples, bits, light, facing, out):
     pointers, words, shares = query_pointers(query), ptr(bits), ptr(out)
-    table, soft = _Samples(ptr(samples), samples.shape[2]), facing.soft
+    table, soft = SampleRows(ptr(samples), samples.shape[2]), facing.soft
     through, channels = transmission_pointers(light), out.shape[2]
     normals, geometric, bends = ptr(facing.normal), ptr(facing.geometric), ptr(facing.bend)
     for i in items(ticket):
@@ -198,7 +198,7 @@ def _share_kernel(ticket, query, samples, bits, light, facing, out):
             if soft and not partial:
                 partial = _may_soften(pointers, i, three_at(normals, i), np.float64(bend))
         if partial:
-            at = _emitter_at(pointers, i), _single(normals, i), _single(geometric, i), bend, soft
+            at = emitter_at(pointers, i), single_at(normals, i), single_at(geometric, i), bend, soft
             for c in range(channels):
                 put(shares, channels * i + c, _weighted_share(pointers, table, words, i, at, through, c))
         else:
@@ -206,10 +206,10 @@ def _share_kernel(ticket, query, samples, bits, light, facing, out):
                 put(shares, channels * i + c, share)
 
 
-def _sample_rows(samples: NDArray[np.float64]) -> NDArray[np.float32]:
+def sample_rows(samples: NDArray[np.float64]) -> NDArray[np.float32]:
     """(16, 2, n) float32: the a and b of samples (16, spp, 3), in whole vectors."""
     sets, spp, _ = samples.shape
-    rows = np.zeros((sets, 2, -(-spp // _LANES) * _LANES), np.float32)
+    rows = np.zeros((sets, 2, -(-spp // LANES) * LANES), np.float32)
     rows[:, :, :spp] = samples[:, :, :2].transpose(0, 2, 1)
     return rows
 
@@ -234,7 +234,7 @@ def irradiance_shares(facing: PixelNormals, traced: TracedQuery, threads: int | 
         return fraction if light is None else light.mean_of(fraction) if channels == 1 else light.colour_of(fraction)
     out = np.empty((*query.sides.shape, channels), np.float32)
     ticket = new_ticket(query.sides.size, 1024)
-    args = query, _sample_rows(query.samples), traced.bits, traced.through, facing, out
+    args = query, sample_rows(query.samples), traced.bits, traced.through, facing, out
     run(_share_kernel, thread_count(threads), ticket, *args)
     return out if channels > 1 else out[..., 0]
 

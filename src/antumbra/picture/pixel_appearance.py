@@ -3,6 +3,7 @@
 Texture lookups are trilinear and anisotropic. Shadows stay on the geometric surface.
 """
 
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
@@ -56,7 +57,7 @@ class TriangleFrame(NamedTuple):
 
 
 _ORIGIN = (0.0, 0.0, 0.0)
-_NO_FRAME = TriangleFrame(-1, _ORIGIN, _ORIGIN, _ORIGIN, 0.0, _ORIGIN, _ORIGIN)
+NO_FRAME = TriangleFrame(-1, _ORIGIN, _ORIGIN, _ORIGIN, 0.0, _ORIGIN, _ORIGIN)
 
 
 @inlined
@@ -70,7 +71,7 @@ def _times(a, scale):
 
 
 @inlined
-def _triangle_frame(corners, i):
+def triangle_frame(corners, i):
     """The `TriangleFrame` of triangle i; `corners` is a pointer."""
     c0 = three_at(corners, 3 * i)
     e1, e2 = _minus(three_at(corners, 3 * i + 1), c0), _minus(three_at(corners, 3 * i + 2), c0)
@@ -81,7 +82,7 @@ def _triangle_frame(corners, i):
 
 
 @inlined
-def _barycentric_weights(frame, p):
+def barycentric_weights(frame, p):
     """(b0, b1, b2): barycentric weights of the point p, clamped to [0, 1]; 1/3 each for zero area."""
     if not frame.g2 > 0.0:
         return 1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0
@@ -105,11 +106,11 @@ class MippedTextures(NamedTuple):
     sizes: np.ndarray  # (t, 2) int32: width and height
     wraps: np.ndarray  # (t, 2) int32: wrap_s and wrap_t
     nearest: np.ndarray  # (t,) bool
-    linear: np.ndarray  # (256,) float32: linear light of sRGB bytes
+    linear: np.ndarray  # (256,) float32: linear light of sRGB bytes, or the values of other bytes
 
 
-def mipped_textures(textures: list[Texture | None]) -> MippedTextures:
-    """Textures as input of kernels; entries that are None must not be looked up."""
+def mipped_textures(textures: list[Texture | None], table: NDArray[np.float32] = LINEAR) -> MippedTextures:
+    """Textures as input of kernels; entries that are None must not be looked up. `table`: the values of bytes."""
     n = len(textures)
     out = MippedTextures(
         np.zeros(n, np.int64),
@@ -117,7 +118,7 @@ def mipped_textures(textures: list[Texture | None]) -> MippedTextures:
         np.zeros((n, 2), np.int32),
         np.zeros((n, 2), np.int32),
         np.zeros(n, np.bool_),
-        LINEAR,
+        table,
     )
     for i, texture in enumerate(textures):
         if texture is not None:
@@ -333,7 +334,7 @@ def _interpolate(values, at, step, b, c):
 def _material_colour(places, face_colours, eye, at, frame, k, material):
     """(red, green, blue) of pixel `at`, which sees the triangle of `frame`, face k of the scene."""
     p = three_at(ptr(places.position), at)
-    b = _barycentric_weights(frame, p)
+    b = barycentric_weights(frame, p)
     factors = ptr(face_colours.factors)
     r, g, blue = get(factors, 3 * material), get(factors, 3 * material + 1), get(factors, 3 * material + 2)
     red, green, blue = np.float64(r), np.float64(g), np.float64(blue)
@@ -367,7 +368,7 @@ def _albedo_rows(ticket, places, face_colours, eye, out):
     )
     albedos, corners = ptr(out), ptr(places.corners)
     for y0, last in shares(ticket):
-        frame = _NO_FRAME
+        frame = NO_FRAME
         for at in range(y0 * w, last * w):
             red = green = blue = 0.0
             k = get(ids, at)
@@ -375,7 +376,7 @@ def _albedo_rows(ticket, places, face_colours, eye, out):
                 i, material = get(faces, at), get(materials, k)
                 if material >= 0:
                     if i != frame.triangle:  # neighbouring pixels often see the same triangle
-                        frame = _triangle_frame(corners, i)
+                        frame = triangle_frame(corners, i)
                     red, green, blue = _material_colour(places, face_colours, eye, at, frame, k, material)
                 else:
                     red = np.float64(get(colours, 3 * i))
@@ -395,19 +396,9 @@ def albedo(
 
     Textures are decoded when they are first seen. Raises InputError if decoding fails.
     """
-    threads = thread_count(threads)
-    out = np.empty(places.position.shape, np.float32)
-    face_colours = _face_colours(places, colour, appearance, threads)
-    run(_albedo_rows, threads, new_ticket(len(out), 8), places, face_colours, eye, out)
-    return out
-
-
-def _face_colours(places: SurfacePoints, colour: np.ndarray, appearance: Appearance, threads: int) -> FaceColours:
     materials = appearance.materials
-    counts = np.bincount(appearance.material_of_face[places.ids[places.ids >= 0]] + 1, minlength=len(materials) + 1)
-    textures = [material.texture if count else None for material, count in zip(materials, counts[1:])]
-    _decode(list(dict.fromkeys(t for t in textures if t is not None)), threads)
-    return FaceColours(
+    textures = seen_only(places, appearance, [material.texture for material in materials])
+    face_colours = FaceColours(
         colour,
         appearance.material_of_face,
         np.array([m.factor[:3] for m in materials], np.float32),
@@ -415,28 +406,53 @@ def _face_colours(places: SurfacePoints, colour: np.ndarray, appearance: Appeara
         appearance.textured,
         np.empty((0, 3, 2), np.float32) if appearance.uv is None else appearance.uv,
         np.empty((0, 3, 4), np.float32) if appearance.colours is None else appearance.colours,
-        mipped_textures(textures),
+        decoded_textures(textures, "render without textures", threads),
     )
+    return colours_of_pixels(places, face_colours, eye, threads)
 
 
-def _decode(textures: list[Texture], threads: int) -> None:
-    """Decode textures and their mip levels, in parallel; the textures cache both."""
+def colours_of_pixels(
+    places: SurfacePoints, face_colours: FaceColours, eye: Eye, threads: int | None = None
+) -> NDArray[np.float32]:
+    """(H, W, 3) float32: the factors of materials times textures and vertex colours; 0 in the background."""
+    out = np.empty(places.position.shape, np.float32)
+    run(_albedo_rows, thread_count(threads), new_ticket(len(out), 8), places, face_colours, eye, out)
+    return out
+
+
+def seen_only(
+    places: SurfacePoints, appearance: Appearance, textures: Sequence[Texture | None]
+) -> list[Texture | None]:
+    """The textures of materials, with None for those that no pixel shows: they are not decoded."""
+    counts = np.bincount(appearance.material_of_face[places.ids[places.ids >= 0]] + 1, minlength=len(textures) + 1)
+    return [texture if count else None for texture, count in zip(textures, counts[1:])]
+
+
+def decoded_textures(
+    textures: list[Texture | None], cure: str, threads: int | None = None, table: NDArray[np.float32] = LINEAR
+) -> MippedTextures:
+    """Decode textures and their mip levels, in parallel, as input of kernels; the textures cache both.
+
+    cure : end of the InputError if a texture cannot be decoded
+    table : (256,) float32, the values of bytes
+    """
 
     def decode(texture: Texture) -> None:
         try:
             texture.mips  # noqa: B018
         except ValueError as error:
-            raise InputError(f"{texture.name} cannot be decoded ({error}); render without textures") from error
+            raise InputError(f"{texture.name} cannot be decoded ({error}); {cure}") from error
 
-    with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(decode, textures))
+    with ThreadPoolExecutor(thread_count(threads)) as pool:
+        list(pool.map(decode, dict.fromkeys(t for t in textures if t is not None)))
+    return mipped_textures(textures, table)
 
 
 # --- Shading normals: interpolated normals of corners -----------------------------------------------------------------
 
 
 @inlined
-def _evaluate_normal(frame, products):
+def evaluate_normal(frame, products):
     """The normal, of any length, that `scene.appearance.normals_in_frames` stores as `products`.
 
     Two of them are its products with the edges, to which the gradients of the weights are dual.
@@ -454,15 +470,15 @@ def _normal_rows(ticket, places, corner_normals, bends, out):
     positions, geometric, shading = ptr(places.position), ptr(places.normal), ptr(out.normal)
     sines, ends = ptr(bends), ptr(out.bend)
     for y0, last in shares(ticket):
-        frame = _NO_FRAME
+        frame = NO_FRAME
         for at in range(y0 * w, last * w):
             n, k, bend = three_at(geometric, at), get(ids, at), 0.0
             if k >= 0:
                 if get(faces, at) != frame.triangle:  # neighbouring pixels often see the same triangle
-                    frame = _triangle_frame(corners, get(faces, at))
-                b0, b1, b2 = _barycentric_weights(frame, three_at(positions, at))
+                    frame = triangle_frame(corners, get(faces, at))
+                b0, b1, b2 = barycentric_weights(frame, three_at(positions, at))
                 p, q, r = three_at(normals, 3 * k), three_at(normals, 3 * k + 1), three_at(normals, 3 * k + 2)
-                m = _evaluate_normal(
+                m = evaluate_normal(
                     frame,
                     (
                         b0 * p[0] + b1 * q[0] + b2 * r[0],

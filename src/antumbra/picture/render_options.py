@@ -25,6 +25,7 @@ from ..base.option_fields import (
 )
 from ..engine.plan import Plan, known_plan
 from ..query.light_samples import SAMPLERS
+from ..query.ray_passes import MAX_BOUNCES
 from ..scene.lights import MAX_SPP
 
 BOUNCE_STEPS = 1, 2, 4, 8
@@ -32,6 +33,17 @@ BOUNCE_STEPS = 1, 2, 4, 8
 
 MAX_HEIGHT = 1e30
 """Limit of a ground's height, up or down. As for camera positions, float32 can represent it."""
+
+
+DIFFUSE, PBR = "diffuse", "pbr"
+"""The values of `RenderOptions.materials`."""
+
+
+class Materials(StrEnum):
+    """`RenderOptions.materials` on the command line."""
+
+    pbr = PBR
+    diffuse = DIFFUSE
 
 
 class CullFaces(StrEnum):
@@ -180,6 +192,17 @@ class RenderOptions:
     )
     """Replace ambient light by light that bounces once: number of diffuse rays per pixel, 1 to 1024. From the hit of
     each diffuse ray, one shadow ray goes to each light. `sampler` also distributes the diffuse rays."""
+    bounces: int = option(
+        1,
+        WholeNumber(1, MAX_BOUNCES),
+        "Follow each diffuse ray of --bounce to this number of surfaces.",
+        panel="Light",
+        start=None,
+        note="1",
+        metavar="N",
+    )
+    """Surfaces that light meets on its way, 1 to 64: each diffuse ray of `bounce` goes on as a path of this number of
+    rays."""
     bounce_step: int = option(
         1,
         _bounce_step,
@@ -222,6 +245,20 @@ class RenderOptions:
         commands=("render",),
     )
     """Show textures and vertex colours. If False, each face has its mean colour, see `Scene.colours`."""
+    materials: str = option(
+        PBR,
+        Choice((PBR, DIFFUSE)),
+        "Show metalness, roughness, normal maps, occlusion maps and emission; or base colours only.",
+        panel="Quality",
+        kind=Materials,
+        start=Materials.pbr,
+        commands=("render",),
+        doc_type='"pbr" or "diffuse"',
+    )
+    """Show the materials of the file by the metallic-roughness model of glTF, see docs/design/shading.md: a GGX lobe
+    for lights and the mirrored sky, normal maps, occlusion maps and emission. ``"diffuse"``: base colours only, the
+    reference for radiometry. Bits, visibility and bounced light are always those of diffuse surfaces, and so are all
+    measured quantities and bakes."""
     smooth_normals: bool = option(
         True, flag, "Shade with vertex normals instead of face normals.", panel="Quality", commands=("render",)
     )

@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import cache
 from typing import Any, ParamSpec
 
-from ..base.checks import checked_instance, choice
+from ..base.checks import checked_instance, choice, whole_number
 from ..base.errors import InputError
 from ..base.option_fields import Given, method_with_keywords, split_keywords, with_keywords
 from ..base.progress import ProgressCallback, show_progress, with_quiet_progress
@@ -27,7 +27,7 @@ from ..scene.triangles import Triangles
 from .frame import Frame, FrameState, TracedBits
 from .frame_passes import render_frame
 from .frame_request import Request, request_of
-from .render_options import EngineOptions, RenderKeywords, RenderOptions, options_of
+from .render_options import PBR, EngineOptions, RenderKeywords, RenderOptions, options_of
 from .row_bands import RowBands
 
 _P = ParamSpec("_P")
@@ -72,6 +72,7 @@ class Renderer:
         choice(gbuffer, "gbuffer", METHODS)
         self.scene, self.engine = scene, Engine(scene, plan, threads, max_memory, gbuffer=gbuffer, device=device)
         self.plan, self.threads = self.engine.plan, self.engine.threads
+        self._expected = 1  # frames
 
     @property
     def accelerator(self) -> Accelerator:
@@ -82,6 +83,23 @@ class Renderer:
     def source(self) -> RenderSource:
         """The render source of the engine."""
         return self.engine.source
+
+    def expect(self, frames: int) -> None:
+        """State how many frames follow, so that the plan `auto` chooses the first frame's methods for all of them.
+
+        Frames of an animated scene choose for themselves.
+
+        Parameters
+        ----------
+        frames : int
+            An estimate; it changes no bit.
+
+        Raises
+        ------
+        InputError
+            If it is not a positive whole number.
+        """
+        self._expected = whole_number(frames, "frames", 1, 1 << 40)
 
     @method_with_keywords(RenderOptions, 2)
     @with_quiet_progress
@@ -117,7 +135,8 @@ class Renderer:
         """
         request = self.request(camera, lights, options_of(options, given(*args, **keywords)))
         with show_progress("tracing", progress) as report, self.engine.lock:
-            return render_frame(FrameState(self.engine, request._replace(progress=report)))
+            frames, self._expected = self._expected, max(self._expected - 1, 1)
+            return render_frame(FrameState(self.engine, request._replace(progress=report, frames=frames)))
 
     def rows(self, request: Request) -> RowBands:
         """Render a request in bands of rows, which can be traced in any order and in any process."""
@@ -160,11 +179,13 @@ class Renderer:
             precompile("anti-aliasing")
         if (options.textures or options.smooth_normals) and self.scene.appearance is not None:
             precompile("textures and normals")
+        if options.materials == PBR and self.scene.appearance is not None and self.scene.appearance.pbr is not None:
+            precompile("materials")
         if selector is not None and selector.asked.bounce:
             precompile("a diffuse bounce")
         if request.camera.listed:
             precompile("orthographic and panoramic cameras")
-        if request.passes is not None:
+        if request.passes:
             precompile(f"light that bounces ({gbuffer})")
         if request.ground is not None:
             precompile("a ground")

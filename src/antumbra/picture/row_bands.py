@@ -12,8 +12,9 @@ from ..query.receivers import NOTHING
 from ..query.shadow_query import Surfaces
 from ..query.surface_links import picture_surfaces
 from ..trace.transmission import TracedQuery
+from .bounced_light import indirect_light
 from .frame import FrameState, TracedBits, edge_colours, queries_of, trace_queries, trace_query
-from .frame_passes import evaluate, find_surfaces, indirect_light, trace
+from .frame_passes import evaluate, find_surfaces, trace
 from .frame_request import Request
 from .light_visibility import finer_query, without_equal_samples
 from .sparse_bounce import sparse_grid, sparse_surfaces
@@ -28,7 +29,7 @@ def band_array_names(request: Request) -> list[str]:
     """The names of the arrays in `RowBands.band`."""
     lights = range(len(request.lights))
     kinds = ["bits"] if request.finer is None else ["bits", "finer", "edges"]
-    return [f"{kind} {i}" for kind in kinds for i in lights] + ([] if request.passes is None else ["indirect"])
+    return [f"{kind} {i}" for kind in kinds for i in lights] + (["indirect"] if request.passes else [])
 
 
 def bits_of_bands(arrays: dict[str, np.ndarray]) -> TracedBits:
@@ -68,7 +69,7 @@ class RowBands:
         arrays = {f"bits {i}": each.bits[inner] for i, each in enumerate(traced)}
         if request.finer is not None:
             arrays |= self._trace_penumbrae(surfaces, traced, inner) | self._trace_edges(surfaces, traced, rows, inner)
-        if request.passes is not None:
+        if request.passes:
             arrays["indirect"] = self._bounce(_rows(surfaces, inner), traced[0].query.origins[inner])
         return arrays
 

@@ -154,6 +154,12 @@ class Illumination(NamedTuple):
     ambient: np.ndarray  # (3,) float32, from `ambient_light` of the whole picture
     indirect: np.ndarray | None = None  # (H, W, 3) float32, additional irradiance
 
+    def only(self, numbers: Sequence[int]) -> "Illumination":
+        """Some of the lights, with the ambient and indirect light."""
+        lights, arrived, shares = self.lights, self.arrived, self.shares
+        chosen = [lights[k] for k in numbers], [arrived[k] for k in numbers], [shares[k] for k in numbers]
+        return Illumination(*chosen, self.ambient, self.indirect)
+
 
 def shade(
     gbuffer: GBuffer, colour: np.ndarray, illumination: Illumination, up: str = "y", threads: int | None = None

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.errors import InputError
+from ..base.wording import counted
 from ..engine.accelerator import Accelerated, Accelerator
 from ..engine.auto_accelerator import accelerator_of
 from ..engine.engine import Engine
@@ -193,6 +194,8 @@ def _count_plan(accelerator: Accelerator, pictures: list[PictureQueries]) -> _Co
         return _count_plan_in_store(accelerator, pictures[-1])
     for picture in pictures:
         accelerated = build_for(accelerator, picture)
+    if accelerator.own_tree:
+        accelerated = accelerated._replace(bvh=accelerated.prepared.host_tree)
     assert accelerated.bvh is not None
     queries, n, threads = pictures[-1].queries, len(pictures[-1].triangles.vertices), accelerator.threads
     one_by_one = isinstance(accelerated.prepared, Ordered)
@@ -230,8 +233,8 @@ def _check_bits(first: _CountedTrace, other: _CountedTrace) -> None:
     differ = [np.count_nonzero((a != b).any(axis=-1)) for a, b in zip(first.bits, other.bits)]
     if any(differ):
         raise RuntimeError(
-            f"the plans {first.plan} and {other.plan} differ in the shadows of {sum(differ)} pixels, and no two plans "
-            "may; please report this with the scene and the command"
+            f"the plans {first.plan} and {other.plan} differ in the shadows of {counted(sum(differ), 'pixel')}, and "
+            "no two plans may; please report this with the scene and the command"
         )
 
 

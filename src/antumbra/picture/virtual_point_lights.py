@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from ..base.checks import flag, whole_number
 from ..base.errors import InputError
+from ..base.wording import counted
 from ..engine.scene_loading import SceneLike, scene_of
 from ..kernels.elementary import cos, sin
 from ..kernels.small_matrices import length
@@ -83,7 +84,7 @@ def virtual_point_lights(
     hit = scene.closest_hit(origins, directions, time=time, threads=threads)
     mask = hit.mask
     if not mask.any():
-        what = f"none of the {n} photons of the {type(light).__name__} hits {scene.name}"
+        what = f"none of the {counted(n, 'photon')} of the {type(light).__name__} hits {scene.name}"
         raise InputError(f"{what}; move the light nearer, or take more")
     triangles, face = hit.surfaces()
     face, points = face[mask], origins[mask] + hit.t[mask, None] * directions[mask]

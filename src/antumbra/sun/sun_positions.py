@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..base.checks import as_array, checked_instance, choice, number, parts_of, quoted
 from ..base.errors import InputError
 from ..base.extras import import_extra
+from ..base.wording import counted
 from ..kernels.elementary import cos, sin
 from .location import Place, checked_place, parse_zone
 
@@ -202,7 +203,7 @@ def _range(text: str) -> list[date]:
 def _days(first: date, last: date, step: int) -> list[date]:
     count = (last - first).days // step + 1
     if count > _DAYS_AT_MOST:
-        raise InputError(f"days {first}:{last} are {count} days; take at most 100 years")
+        raise InputError(f"days {first}:{last} are {counted(count, 'day')}; take at most 100 years")
     return [first + timedelta(days=step * k) for k in range(count)]
 
 
@@ -264,7 +265,9 @@ def suns_of(place: Place, times: Times, up: str, dni: ArrayLike | None = None, *
     if dni is not None:
         dni = as_array(dni, "dni")
         if dni.shape != times.middle.shape:
-            raise InputError(f"dni has shape {dni.shape} for {len(times.middle)} intervals; give one value for each")
+            raise InputError(
+                f"dni has shape {dni.shape} for {counted(len(times.middle), 'interval')}; give one value for each"
+            )
     altitude, azimuth = solar_angles(place, times.middle)
     above = np.flatnonzero(altitude > lowest)
     altitude, azimuth = altitude[above], azimuth[above]

@@ -1,11 +1,13 @@
 """The control panel of the page: sliders that change the model, and text about pictures and clicked points."""
 
+from asyncio import sleep
 from collections.abc import Callable
 from datetime import date
 from functools import partial
 from html import escape
 from typing import Any
 
+from ..picture.png_files import png_file
 from ..scene.lights import DirectionalLight
 from .gizmos import Face, Probe, Sight
 from .progressive_pictures import TracedPicture
@@ -15,6 +17,7 @@ _HINT = "Click a surface to see which lights reach it and what blocks the others
 _STYLE = "margin: 0 1em; font-size: 0.8em; text-align: left"
 _NOWRAP = "white-space: nowrap"
 _STOPS = 6.0  # range of the exposure slider, in both directions
+_PLAYED_STEP, _PLAYED_SECONDS = 0.25, 0.3  # hours between two pictures of a played day, and seconds
 
 
 class Controls:
@@ -44,7 +47,7 @@ class Controls:
 
     def show_picture(self, picture: TracedPicture) -> None:
         """Describe the picture that the browser shows."""
-        speed = f"{picture.rays / max(picture.seconds, 1e-9) / 1e6:.1f} M rays/s"
+        speed = f"{picture.rays / max(picture.seconds, 1e-9) / 1e6:.1f} million rays/s"
         text = f"{picture.step}: {1000 * picture.seconds:.0f} ms, {speed}"
         self.say(f"{text}; {picture.note}" if picture.note else text)
         if self._legend is not None:
@@ -85,6 +88,7 @@ class Controls:
                 "exposure", -_STOPS, _STOPS, 0.1, 0.0, hint="in stops, relative to the automatic exposure"
             )
             reset = gui.add_button("reset exposure")
+            home, save = gui.add_button("reset view"), gui.add_button("save picture")
         self._bind(show, lambda value: self._set_display(show=value))
         self._bind(plan, lambda value: self._set_display(plan=value))
         self._bind(stops, lambda value: self._set_display(stops=value))
@@ -94,7 +98,16 @@ class Controls:
             stops.value = 0.0
             self._page.changed()
 
-        reset.on_click(self._page.listener(reset_exposure))
+        async def reset_view(event: Any) -> None:
+            self._page.show_first_view(event.client.camera)
+
+        async def save_picture(event: Any) -> None:
+            picture = self._page.latest(event.client.client_id)
+            if picture is not None:
+                event.client.send_file_download(f"{model.scene.name}.png", png_file(picture.image))
+
+        for button, act in (reset, reset_exposure), (home, reset_view), (save, save_picture):
+            button.on_click(self._page.listener(act))
 
     def _add_time(self) -> None:
         model = self._model
@@ -109,16 +122,40 @@ class Controls:
         bearing, elevation = sun_angles(model.sun.light, model.scene.up)
         with gui.add_folder("Sun"):
             if model.place is not None:
-                day = gui.add_text("day", date.today().isoformat())
-                hour = gui.add_slider("hour", 0.0, 24.0, 0.1, 12.0)
-                for each in day, hour:
-                    self._bind(each, lambda _: model.aim_sun_at(day.value, hour.value))
+                self._add_day()
+                bearing, elevation = sun_angles(model.sun.light, model.scene.up)
             hint = "degrees clockwise from the scene's north: +Y if +Z is up, else -Z"
             sliders["bearing"] = gui.add_slider("bearing", 0.0, 360.0, 0.5, round(bearing, 1), hint=hint)
             sliders["elevation"] = gui.add_slider("elevation", -90.0, 90.0, 0.5, round(elevation, 1), hint="degrees")
         aim = lambda _: model.aim_sun(sliders["bearing"].value, sliders["elevation"].value)
         self._bind(sliders["bearing"], aim)
         self._bind(sliders["elevation"], aim)
+
+    def _add_day(self) -> None:
+        """Date, hour and a button that plays the day. The first sun is theirs, unless other lights are given."""
+        model, gui = self._model, self._gui
+        today = date.today().isoformat()
+        hours = model.daylight(today, _PLAYED_STEP) or [12.0]
+        day = gui.add_text("day", today)
+        hour = gui.add_slider("hour", 0.0, 24.0, 0.05, hours[len(hours) * 3 // 4])  # shadows are long, and move on
+        play = gui.add_button("play the day")
+        if model.follows_sun:
+            model.aim_sun_at(day.value, hour.value)
+        for each in day, hour:
+            self._bind(each, lambda _: model.aim_sun_at(day.value, hour.value))
+
+        async def play_day(event: Any) -> None:
+            play.disabled = True
+            try:
+                for moment in model.daylight(day.value, _PLAYED_STEP):
+                    hour.value = moment
+                    model.aim_sun_at(day.value, moment)
+                    self._page.changed()
+                    await sleep(_PLAYED_SECONDS)
+            finally:
+                play.disabled = False
+
+        play.on_click(self._page.listener(play_day))
 
     def _add_lights(self) -> None:
         model = self._model
@@ -159,7 +196,34 @@ def describe_point(point: Probe | None) -> str:
     )
     head = "<tr><th>light</th><th>seen</th><th>its centre</th></tr>"
     table = f"<table style='border-spacing: 0.5em 0.1em; margin-left: -0.5em'>{head}{rows}</table>"
-    return f"<div style='{_STYLE}'>{_face(point.face)}<br>at {place}{table}</div>"
+    return f"<div style='{_STYLE}'>{_sentence(point)}<br>{_face(point.face)}<br>at {place}{table}</div>"
+
+
+ANSWERS = {
+    "inSun": "In the sun.",
+    "inShadow": "In the shade.",
+    "inShadowOf": "In the shade of {blocker}.",
+    "behind": "Faces away from the sun.",
+    "sky": "Sees {share} % of the sky.",
+}
+"""Sentences about a point, in the words of the page that `antumbra page` writes."""
+
+
+def _sentence(point: Probe) -> str:
+    """What a point sees, in words."""
+    sky, sun = ANSWERS["sky"].format(share=f"{100.0 * point.sky:.0f}"), point.sun
+    if sun is None:
+        return sky
+    blocker = "" if sun.blocker is None else escape(sun.blocker.object)
+    if sun.share == 1.0:
+        now = ANSWERS["inSun"]
+    elif sun.share > 0.0:
+        now = f"At the edge of a shadow: sees {100.0 * sun.share:.0f} % of the sun."
+    elif sun.blocker == point.face:
+        now = ANSWERS["behind"]
+    else:
+        now = ANSWERS["inShadowOf"].format(blocker=blocker) if blocker else ANSWERS["inShadow"]
+    return f"{now} {sky}"
 
 
 def _blocked(sight: Sight) -> str:

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from ..datasets.dataset_layers import has_centre, towards_centre
 from ..engine.point_visibility import visibility
 from ..query.receivers import point_receivers
+from ..scene.light_lists import DirectionalLights
 from ..scene.lights import DirectionalLight, Light
+from ..scene.sky import sky_directions
 from .viewer_model import FAR, EditableLight, Model, handle_position, light_outline
 
 # --- Visibility of each light from a surface point --------------------------------------------------------------------
@@ -45,6 +47,8 @@ class Probe(NamedTuple):
     normal: NDArray[np.float64]  # (3,), unit, towards the viewer
     face: Face
     sights: list[Sight]  # one for each light that is on
+    sky: float  # visible share of the sky above the horizon, all directions alike
+    sun: Sight | None  # that of the sun; None: it is off or below the horizon
 
 
 def probe(model: Model, origin: NDArray[np.float64], direction: NDArray[np.float64]) -> Probe | None:
@@ -58,10 +62,11 @@ def probe(model: Model, origin: NDArray[np.float64], direction: NDArray[np.float
         return None
     normal = hit.normal * (-1.0 if hit.normal @ direction > 0.0 else 1.0)
     position, lamps = hit.position, model.active_lights
+    dome = DirectionalLights(-sky_directions(_SPP, scene.up))
     result = visibility(
         scene,
         position,
-        [lamp.light for lamp in lamps],
+        [*(lamp.light for lamp in lamps), dome],
         normal,
         spp=_SPP,
         plan=model.plan,
@@ -75,7 +80,9 @@ def probe(model: Model, origin: NDArray[np.float64], direction: NDArray[np.float
         sights.append(
             _with_blocker(model, sight, lamp.light, position, normal, face) if has_centre(lamp.light) else sight
         )
-    return Probe(position, normal, face, sights)
+    name = None if model.sun is None else model.sun.name
+    sun = next((sight for sight in sights if sight.name == name), None)
+    return Probe(position, normal, face, sights, float(result.fraction[-1]), sun)
 
 
 def _with_blocker(

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.wording import counted
 from ..picture.frame import Frame
 from ..picture.frame_request import TimeSample
 from ..picture.heat_maps import draw_bar, linear_scale
@@ -181,7 +182,7 @@ class Step(NamedTuple):
 
     def __str__(self) -> str:
         size = "full size" if self.coarse == 1 else f"1/{self.coarse} size"
-        return f"{size}, {self.spp} rays per light" + (", edges refined" if self.adaptive else "")
+        return f"{size}, {counted(self.spp, 'ray')} per light" + (", edges refined" if self.adaptive else "")
 
 
 PICTURE_STEPS = Step(8, 1), Step(4, 2), Step(2, 4), Step(1, 4), Step(1, 16), Step(1, 64, True)
@@ -229,7 +230,8 @@ def trace_picture(model: Model, camera: Camera, step: Step, check: Check = lambd
         frame = _frame(model, camera, [with_all_samples(model.editable_light(name).light, step.spp)], step, check)
         image, note = _grey(frame.visibility[0], frame.mask), f"white: {name} is fully visible"
     else:
-        frame = _frame(model, camera, [with_quality(lamp.light, step.spp) for lamp in model.active_lights], step, check)
+        lights = [with_quality(lamp.light, step.spp) for lamp in model.active_lights]
+        frame = _frame(model, camera, lights, step, check, model.ground(camera))
         model.update_from(frame)
         exposure = model.exposure
         assert exposure is not None  # set by update_from
@@ -237,22 +239,25 @@ def trace_picture(model: Model, camera: Camera, step: Step, check: Check = lambd
     return TracedPicture(image, step, perf_counter() - start, frame.rays, note)
 
 
-def _frame(model: Model, camera: Camera, lights: list[Light], step: Step, check: Check) -> Frame:
-    return model.renderer.render(camera, lights, options=step.options(model.time), progress=check)
+def _frame(
+    model: Model, camera: Camera, lights: list[Light], step: Step, check: Check, ground: float | bool = False
+) -> Frame:
+    options = replace(step.options(model.time), ground=ground)
+    return model.renderer.render(camera, lights, options=options, progress=check)
 
 
 def with_quality(light: Light, spp: int) -> Light:
     """The light with as many rays as the others: for coarse pictures, a sky of fewer distant lights."""
     if not isinstance(light, Sky) or not light.interleave:
         return light
-    return replace(light, count=min(N_SETS * spp, light.count)).named(light.name)
+    return light.resampled(min(N_SETS * spp, light.count))
 
 
 def with_all_samples(light: Light, spp: int) -> Light:
     """The light without interleaving, so that each pixel tests all of it: a sky of few distant lights."""
     if not isinstance(light, Sky):
         return light
-    return replace(light, interleave=False, count=min(N_SETS + 4 * spp, light.count)).named(light.name)
+    return light.resampled(min(N_SETS + 4 * spp, light.count), interleave=False)
 
 
 def scaled_camera(camera: Camera, coarse: int) -> Camera:
@@ -280,6 +285,9 @@ _QUICK_SPP = 4  # most shadow rays per pixel and light of pictures traced at the
 _QUALITY = 92  # of JPEG
 _MAX_SIDE = 1 << 14  # most pixels along a side of a page
 
+HAZE = np.repeat(np.linspace((150, 178, 214), (226, 229, 233), 64).round().astype(np.uint8)[:, None], 16, axis=1)
+"""(h, w, 3) sRGB: what is behind the proxy mesh, and on the page before the first picture."""
+
 
 class ClientView:
     """The camera and pictures of one browser.
@@ -300,6 +308,8 @@ class ClientView:
         self._level = self._changes = 0
         self._proxy: Any = None
         self._navigating = False  # whether the proxy mesh is visible instead of a picture
+        self.latest: TracedPicture | None = None  # that the browser shows
+        self._client.scene.set_background_image(HAZE, "png")
 
     async def look(self, camera: Any) -> None:
         """Update the camera from the browser."""
@@ -311,7 +321,7 @@ class ClientView:
         if self._proxy is not None and not self._navigating:
             self._navigating = True
             self._proxy.visible = True
-            self._client.scene.set_background_image(None)
+            self._client.scene.set_background_image(HAZE, "png")
         self.begin(REST_DELAY if self._proxy is not None and not first else 0.0)
 
     def begin(self, after: float) -> None:
@@ -351,6 +361,7 @@ class ClientView:
     def _send(self, picture: TracedPicture) -> None:
         kind = "png" if picture.legend is not None else "jpeg"
         self._client.scene.set_background_image(picture.image, kind, jpeg_quality=_QUALITY)
+        self.latest = picture
         if self._navigating:
             self._navigating = False
             later = Timer(DISPLAY_DELAY, self._hide)  # the browser decodes pictures asynchronously

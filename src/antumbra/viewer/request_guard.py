@@ -22,6 +22,7 @@ from urllib.parse import urlsplit
 
 from ..base.checks import quoted
 from ..base.errors import InputError
+from ..base.wording import counted
 
 LOG = logging.getLogger("antumbra.viewer")
 
@@ -99,7 +100,8 @@ class Guard:
         if self.clients >= MAX_CLIENTS:
             LOG.warning("refused a browser: %d are connected", self.clients)
             return connection.respond(
-                HTTPStatus.SERVICE_UNAVAILABLE, f"{self.clients} browsers show this page; close one, then reload\n"
+                HTTPStatus.SERVICE_UNAVAILABLE,
+                f"{counted(self.clients, 'browser', 'show')} this page; close one, then reload\n",
             )
         if self.token:
             request = type(request)(request.path.removeprefix(f"/{self.token}") or "/", request.headers)

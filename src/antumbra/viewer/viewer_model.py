@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..base.checks import checked_instance, number
 from ..base.errors import InputError
 from ..datasets.dataset_layers import has_centre, towards_centre
-from ..engine.scene import AnyScene
+from ..engine.scene import AnyScene, is_outside
 from ..picture.frame import Frame
 from ..picture.image_files import frame_exposure
 from ..picture.render_options import EngineOptions
@@ -284,6 +284,13 @@ class Model:
         return max(suns, key=lambda lamp: lamp.light.intensity, default=None)
 
     @property
+    def follows_sun(self) -> bool:
+        """Whether the sun is that of a date: the place is known, and nobody else has given lights."""
+        return (
+            self.place is not None and self.sun is not None and self._initial_lights is None and not self.scene.lights
+        )
+
+    @property
     def in_memory(self) -> bool:
         """Whether the triangles are in memory, as the proxy mesh requires."""
         return self.scene.data.resident
@@ -295,6 +302,10 @@ class Model:
         if self.scene.cameras:
             return self.scene.camera(0, self.time).resized(width, height)
         return self.scene.default_camera(width, height)
+
+    def ground(self, camera: Camera) -> float | bool:
+        """The height of the ground on which shadows show, as in pictures of `antumbra render`; False: there is none."""
+        return self.scene.ground_height(self.time) if is_outside(self.scene, camera) else False
 
     def update_from(self, frame: Frame) -> None:
         """Adopt the exposure of the first frame, to avoid flicker, and the ambient light of every frame."""
@@ -339,18 +350,28 @@ class Model:
 
         Returns the bearing and the elevation, in degrees.
         """
+        (bearing,), (elevation,) = self._solar_angles(day, [hour])
+        self.aim_sun(float(bearing), float(elevation))
+        return float(bearing), float(elevation)
+
+    def _solar_angles(self, day: str, hours: Sequence[float]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(n,) bearings, 0 to 360, and (n,) elevations of the sun, in degrees, at hours of local time."""
         if self.place is None:
             raise InputError("the location of the scene is unknown; give --latitude and --longitude, or --crs")
         try:
             midnight = datetime.fromisoformat(day).replace(tzinfo=None)
         except ValueError:
             raise InputError(f"the day is {day[:30]!r}; write one such as 2026-06-21") from None
-        local = (midnight + timedelta(hours=hour)).replace(tzinfo=zone_of(self.place))  # also while clocks change
-        instant = np.array([round(local.timestamp())], "datetime64[s]")
-        altitude, azimuth = solar_angles(self.place, instant)
-        bearing, elevation = float(azimuth[0] + self.place.north) % 360.0, float(altitude[0])
-        self.aim_sun(bearing, elevation)
-        return bearing, elevation
+        zone = zone_of(self.place)
+        local = [(midnight + timedelta(hours=hour)).replace(tzinfo=zone) for hour in hours]  # also while clocks change
+        instants = np.array([round(each.timestamp()) for each in local], "datetime64[s]")
+        altitude, azimuth = solar_angles(self.place, instants)
+        return (azimuth + self.place.north) % 360.0, altitude
+
+    def daylight(self, day: str, step: float) -> list[float]:
+        """The hours of a day, `step` apart, at which the sun is above the horizon. InputError as by `aim_sun_at`."""
+        hours = np.arange(0.0, 24.0, step).tolist()
+        return [hour for hour, elevation in zip(hours, self._solar_angles(day, hours)[1]) if elevation > 0.0]
 
     def _has_set(self, lamp: EditableLight) -> bool:
         """Whether the user moved this sun below the horizon. Distant lights from files may shine from anywhere."""

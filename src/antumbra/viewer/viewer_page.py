@@ -21,6 +21,7 @@ from ..engine.precompilation import precompile
 from ..engine.scene_loading import SceneLike, scene_of
 from ..picture.render_options import EngineOptions
 from ..scene.camera import Camera
+from ..scene.height_tints import height_tints
 from ..scene.lights import Light
 from ..scene.triangles import Triangles
 from ..sun.location import Place
@@ -62,7 +63,7 @@ class Page:
         self._mesh: tuple[ProxyMesh, float, Triangles | None] | None = None  # with its time and `SceneData.moved`
         self._proxy: bytes | None = None
         with redirect_stdout(io.StringIO()), guarding(self.guard):  # the command prints the address itself
-            self.server = viser.ViserServer(host, port, label=model.scene.name, verbose=False)
+            self.server = viser.ViserServer(host, port, label=f"Antumbra: {model.scene.name}", verbose=False)
         if not self.guard.in_place:
             self.server.stop()
             raise InputError(
@@ -121,8 +122,17 @@ class Page:
         self.server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
         scene.set_up_direction(tuple(page_frame.up))
         scene.world_axes.visible = False
-        pose, camera = page_frame.first_pose(self.model.first_camera(1024, 1024)), self.server.initial_camera
+        self.show_first_view(self.server.initial_camera)
+
+    def show_first_view(self, camera: Any) -> None:
+        """Move a camera of viser to where a new page looks from."""
+        pose = self.model.page_frame.first_pose(self.model.first_camera(1024, 1024))
         camera.position, camera.look_at, camera.fov = pose.position, pose.target, pose.vfov
+
+    def latest(self, client_id: int) -> TracedPicture | None:
+        """The picture that a browser shows; None before the first one."""
+        view = self._views.get(client_id)
+        return None if view is None else view.latest
 
     async def _connect(self, client: Any) -> None:
         client_view = self._views[client.client_id] = ClientView(self.model, self.worker, client, self._on_sent)
@@ -160,7 +170,9 @@ class Page:
         if self._mesh is None or self._mesh[1] != time or self._mesh[2] is not moved:
             self._mesh = proxy_mesh(scene.triangles(time, model.threads)), time, moved
         pieces = self._mesh[0]
-        colours = proxy_colours(proxy_light(model, pieces, check), pieces.normals, scene.colours[pieces.faces], model)
+        terrain, middles = scene.data.terrain is not None, pieces.corners.mean(1)
+        base = height_tints(scene.data, middles) if terrain else scene.colours[pieces.faces]
+        colours = proxy_colours(proxy_light(model, pieces, check), pieces.normals, base, model)
         self._proxy = glb_of(model.page_frame.to_page(pieces.corners + scene.origin), colours)
         for client_view in list(self._views.values()):
             client_view.put_proxy(self._proxy)

@@ -9,6 +9,7 @@ import typer
 
 from ..base.errors import InputError
 from ..base.files import checked_output
+from ..base.wording import counted
 from ..cli import arguments
 from ..cli.console import ProgressDisplay, say
 from ..cli.options import (
@@ -138,7 +139,7 @@ def page(args: PageArguments) -> int:
             say("note: the page has no dates, since the scene has no place; give --latitude and --longitude, or --crs")
         elif place.timezone is None:
             say("note: times are in the whole-hour zone of the longitude, without summer time; give --timezone")
-        print(f"{path}  {report.triangles:,} triangles, {report.size / 1e6:.2f} MB", flush=True)
+        print(f"{path}  {counted(report.triangles, 'triangle')}, {report.size / 1e6:.2f} MB", flush=True)
     return 0
 
 

@@ -18,9 +18,11 @@ from numpy.typing import NDArray
 
 from ..base.errors import InputError
 from ..base.files import atomic_output
+from ..base.wording import counted
 from ..engine.scene import AnyScene, Scene
 from ..picture.heat_maps import RAMP
 from ..scene.camera import Camera
+from ..scene.height_tints import height_tints
 from ..scene.scene_data import MemoryData
 from ..scene.triangles import Triangles
 from ..sun.location import Place
@@ -118,7 +120,7 @@ def check_scene(scene: AnyScene) -> None:
     scene.data.check_resident()
     if scene.n_triangles > MOST_TRIANGLES:
         raise InputError(
-            f"{scene.name} has {scene.n_triangles:,} triangles, and a page holds {MOST_TRIANGLES:,}; "
+            f"{scene.name} has {counted(scene.n_triangles, 'triangle')}, and a page holds {MOST_TRIANGLES:,}; "
             "export a part of the scene, or a lower level of detail"
         )
     if scene.n_triangles == 0:
@@ -184,6 +186,8 @@ def page_html(
         scenes = {"Before": before, "": scene}
     whole = scene if before is None else _whole(before, scene)
     triangles = whole.triangles(time)
+    if whole.data.terrain is not None:
+        triangles = triangles._replace(colour=height_tints(whole.data, triangles.vertices.mean(1)))
     columns = Columns()
     _add_geometry(columns, triangles, whole.data.object_of_face[triangles.face_id])
     look = add_look(columns, scene, triangles, time, options.place)

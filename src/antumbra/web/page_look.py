@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.errors import InputError
+from ..base.wording import counted
 from ..engine.scene import AnyScene
 from ..kernels.elementary import atan2
 from ..picture.light_list_irradiance import list_fields
 from ..query.light_samples import light_samples
 from ..scene.appearance import SHARPEST, Appearance, normals_from_frames
-from ..scene.default_picture import sun
 from ..scene.light_lists import LightList
 from ..scene.lights import DirectionalLight, DiskLight, Light, PointLight, QuadLight, SphereLight
 from ..scene.materials import Texture, is_plain_image
@@ -36,7 +36,7 @@ def picture_lights(scene: AnyScene, time: float, place: Place | None) -> list[Li
     if place is None or any(isinstance(light, DirectionalLight) for light in lights):
         return lights
     skies = [] if any(isinstance(light, Sky) for light in lights) else [Sky(up=scene.up)]
-    return [sun(scene.up), *(lights if scene.lights else []), *(skies if scene.lights else [Sky(up=scene.up)])]
+    return [scene.view.sun(), *(lights if scene.lights else []), *(skies if scene.lights else [Sky(up=scene.up)])]
 
 
 def add_lights(columns: Columns, lights: list[Light], origin: NDArray[np.float64], place: Place | None) -> list[Any]:
@@ -164,7 +164,9 @@ def _add_appearance(
         wraps = [texture.wrap_s, texture.wrap_t]
         listed.append({"type": kind, "wraps": wraps, "nearest": texture.nearest, "column": f"texture{k}"})
     notes = (
-        [] if not smaller else [f"{len(smaller)} textures are larger than {LARGEST} pixels; the page has them smaller"]
+        []
+        if not smaller
+        else [f"{counted(len(smaller), 'texture', 'are')} larger than {LARGEST} pixels; the page has them smaller"]
     )
     return listed, notes
 

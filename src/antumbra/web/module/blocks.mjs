@@ -29,7 +29,7 @@ export function buildBlocks(kernels, [source, sourceLinks, ids, corners]) {
   const roots = arena.array("i4", [count + 1]);
   const [n, blockCount] = arena.scratch(() => {
     const [order, below] = [arena.array("i4", [count]), arena.array("i4", [count])];
-    const m = kernels.call("antumbra.bvh.nodes:_write_parents_first", sourceLinks, order);
+    const m = kernels.call("antumbra.bvh.nodes:write_parents_first", sourceLinks, 0, order);
     kernels.call("antumbra.bvh.block_tree:_count_below", sourceLinks, order.rows(m), below);
     const args = [source, sourceLinks, below, BLOCK, all, all.as("i4", all.shape), roots];
     return kernels.call("antumbra.bvh.block_tree:_collapse", ...args);
@@ -46,7 +46,7 @@ export function buildBlocks(kernels, [source, sourceLinks, ids, corners]) {
     const fill = "antumbra.bvh.block_tree:_fill_blocks";
     kernels.run(fill, blockCount, FILLED_AT_A_TIME, sourceLinks, corners, ...filled);
     const order = arena.array("i4", [n]);
-    const m = kernels.call("antumbra.bvh.nodes:_write_parents_first", links, order);
+    const m = kernels.call("antumbra.bvh.nodes:write_parents_first", links, 0, order);
     const scratch = [arena.array("f8", [n]), arena.array("f8", [n])];
     const args = [nodes, links, order.rows(m), BUNDLE * Math.hypot(...extents), areas, ...scratch];
     kernels.call("antumbra.bvh.child_order:_order_for_bundles", ...args);

@@ -29,7 +29,7 @@ export function traceRays(kernels, tree, list, n, anyHit) {
     arena.array("f4", [m]),
   ];
   const [faults, counters] = [arena.array("b1", [1]), arena.array("i8", [COUNTERS])];
-  const args = [tree, list, anyHit, hits, faults, counters];
+  const args = [tree, [list, arena.array("i8", [0, 3])], anyHit, hits, faults, counters];
   kernels.run("antumbra.trace.rays.ray_batches:_blocks", Math.ceil(n / RAYS), BATCHES, ...args);
   return faults.view[0] ? null : hits;
 }

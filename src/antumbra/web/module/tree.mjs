@@ -113,25 +113,21 @@ function areaScale(box) {
 export function widen(kernels, bvh) {
   const { arena } = kernels;
   const n = bvh[0].shape[0];
-  const words = arena.array("f4", [n * NODE_WORDS]); // more than are used
-  const slots = arena.array("i4", [(n + 1) * WIDTH]);
-  const [nodeCount, groupCount] = arena.scratch(() => {
+  const words = arena.array("f4", [n, NODE_WORDS]); // more than are used
+  const slots = arena.array("i4", [n + 1, WIDTH]);
+  const [nodeCount, , groupCount] = arena.scratch(() => {
     const [order, costs, counts] = [
       arena.array("i4", [n]),
       arena.array("f4", [2 * n, WIDTH]),
       arena.array("i4", [2 * n]),
     ];
-    const m = kernels.call("antumbra.bvh.nodes:_write_parents_first", bvh[1], order);
-    kernels.call("antumbra.bvh.wide_bvh:_price", bvh, order.rows(m), costs, counts);
-    return kernels.call(
-      "antumbra.bvh.wide_bvh:_collapse",
-      bvh,
-      costs,
-      counts,
-      words,
-      words.as("i4", words.shape),
-      slots,
-    );
+    const m = kernels.call("antumbra.bvh.nodes:write_parents_first", bvh[1], 0, order);
+    const prices = [costs, counts, arena.array("i4", [n, WIDTH])];
+    kernels.call("antumbra.bvh.wide_bvh:_price", bvh, order, m, prices);
+    const all = [bvh, prices, n + 1, order];
+    kernels.call("antumbra.bvh.wide_bvh:_collapse_top", ...all, null);
+    const out = [words, words.as("i4", words.shape), slots];
+    return kernels.call("antumbra.bvh.wide_bvh:_collapse_top", ...all, out);
   });
   const nodes = words.as("f4", [nodeCount, NODE_WORDS]);
   const links = words.as("i4", [nodeCount, NODE_WORDS]);
@@ -141,9 +137,9 @@ export function widen(kernels, bvh) {
   const groups = arena.array("f4", [size, GROUP_WORDS]);
   arena.scratch(() => {
     const areas = arena.array("f8", [size]);
-    kernels.run("antumbra.bvh.wide_bvh:_fill_groups", size, 1024, bvh[3], groupSlots, groups, areas);
+    kernels.run("antumbra.bvh.wide_bvh:_fill_groups", size, 256, bvh[3], groupSlots, groups, areas);
     const scratch = [arena.array("f8", [nodeCount]), arena.array("f8", [nodeCount])];
-    kernels.call("antumbra.bvh.child_order:_sort_by_cost", nodes, links, areas, ...scratch);
+    kernels.call("antumbra.bvh.child_order:_sort_by_cost", nodes, links, areas, ...scratch, 0, nodeCount);
   });
   return [nodes, links, groups, groupSlots, reachOf(nodes), bvh];
 }

@@ -128,6 +128,7 @@ class Page {
     new ResizeObserver(() => this.changed()).observe(canvas);
     this.changed();
     for (const picture of this.pictures) picture.run().catch(failed);
+    if (new URLSearchParams(location.search).has("play")) sun.playOnce();
   }
 
   #count() {

@@ -133,7 +133,14 @@ export class SunPanel {
     this.second.setAttribute("aria-valuetext", `${altitude.toFixed(0)}°`);
   }
 
-  #play() {
+  /** Play the rest of the day once, then show its beginning again; not for people who prefer less motion. */
+  playOnce() {
+    if (!this.place || this.playing || matchMedia("(prefers-reduced-motion: reduce)").matches) return;
+    this.#play(this.first.value);
+  }
+
+  /** @param {string} [begin] minutes of the day, shown after sunset, which then ends playing */
+  #play(begin) {
     this.playing = !this.playing;
     this.#name();
     let last = performance.now();
@@ -143,6 +150,11 @@ export class SunPanel {
       if (minutes > 0) {
         last = now;
         this.first.value = (Number(this.first.value) + minutes) % 1440;
+        if (begin !== undefined && this.angles.altitude <= 0) {
+          this.first.value = begin;
+          this.playing = false;
+          this.#name();
+        }
         this.#moved();
       }
       requestAnimationFrame(step);

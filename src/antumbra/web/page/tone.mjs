@@ -1,7 +1,7 @@
 // @ts-check
 /** From linear light to the screen, as `antumbra.picture.image_files` and `sky_background` have it. */
 
-const [PERCENTILE, BRIGHT, MIDDLE, MOST_BRIGHTER, WIDE, WIDE_AT_MOST] = [97, 0.75, 0.4, 1.7, 85, 0.75];
+const [PERCENTILE, BRIGHT, MIDDLE, MOST_BRIGHTER, WIDE, WIDE_AT_MOST] = [97, 0.75, 0.4, 3, 85, 0.75];
 const [SHOULDER, TOP, ENTRIES] = [0.6, 4, 1 << 16];
 const EXPOSURE_PIXELS = 1 << 18; // that the exposure samples, about
 const BACKDROP = 0.75;

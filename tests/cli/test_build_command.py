@@ -27,7 +27,7 @@ def test_for_people(cli, square_obj):
 
 
 def test_a_city_is_streamed(cli, monkeypatch):
-    monkeypatch.setattr("antumbra.cli.scene_commands.open_scene", None)  # the city is not made in memory
+    monkeypatch.setattr("antumbra.cli.build_command.open_for_store", None)  # the city is not made in memory
     told = cli("build", "procedural:city?triangles=20k&seed=2", "-o", "c.antumbra", "--json").json()
     assert told["triangles"] == at.procedural("city", triangles=20_000, seed=2).n_triangles
 
@@ -93,3 +93,14 @@ def test_sizes(text, n):
 def test_bad_sizes(text):
     with pytest.raises(at.InputError, match="--max-memory"):
         arguments.parse_bytes(text, "--max-memory")
+
+
+def test_a_mesh_beyond_the_limit_is_refused_unless_it_is_streamed(cli, tmp_path, monkeypatch):
+    monkeypatch.setattr("antumbra.formats.format_registry._SOURCE_BYTES", 1 << 30)
+    for suffix in ("glb", "ply", "obj"):
+        assert cli("scenes", "cellar", "--triangles", "2k", "-o", f"a.{suffix}").code == 0
+    told = cli("build", "a.glb", "-o", "b.antumbra", "--max-memory", "1G")
+    told.refused("a.glb takes about", "convert it to binary PLY, which is streamed, or raise max_memory")
+    assert not (tmp_path / "b.antumbra").exists() and not (tmp_path / "b.parts").exists()
+    for suffix in ("ply", "obj"):
+        assert cli("build", f"a.{suffix}", "-o", "b.antumbra", "--max-memory", "1G").code == 0

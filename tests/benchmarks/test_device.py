@@ -1,0 +1,39 @@
+"""Benchmarks of devices: every row of a small run has the CPU's bits."""
+
+import json
+import sys
+
+import pytest
+
+import device
+import device_build
+from antumbra.trace.device.build_kernels import BUILD_KERNELS
+from antumbra.trace.device.device_kernels import KERNELS
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.device(name)) for name in ("host", "opencl")])
+def test_builds_refits_and_frames_of_a_device_are_those_of_the_cpu(name, monkeypatch, tmp_path, capsys):
+    path = tmp_path / "rows.json"
+    words = f"device.py --device {name} --part build --triangles 3000 --size 16 12 --spp 4 --rounds 1 --json {path}"
+    monkeypatch.setattr(sys, "argv", words.split())
+    device.main()
+    rows = json.loads(path.read_text())["rows"]
+    timed = [(row["case"], row["method"]) for row in rows if "method" in row]
+    assert timed == [
+        *(("build", method) for method in ("device", "device, host arrays", "cpu")),
+        *((case, method) for case in ("refit", "update", "cull") for method in ("device", "cpu")),
+        *(("frame", method) for method in ("device, host arrays", "cpu")),
+    ]
+    assert all(row["differs"] == 0 for row in rows if "method" in row)
+    steps = {row["kernel"]: row for row in rows if row["case"].endswith(" step")}
+    assert set(steps) == set(device_build.MOVED) and all(row["bytes"] > 0 < row["launches"] for row in steps.values())
+    assert "scatter_keys" in capsys.readouterr().out
+
+
+def test_bytes_are_stated_for_kernels_that_exist():
+    assert set(BUILD_KERNELS) < set(device_build.MOVED) <= set(KERNELS)
+
+
+def test_waves_move_all_triangles_of_a_scene_of_any_size():
+    first, second = (device_build.waves(101, time) for time in (0.0, 0.4))
+    assert first.shape == second.shape == (101, 3, 3) and (first != second).any(axis=(1, 2)).all()
