@@ -23,9 +23,9 @@ table.save(folder / "farm.tif", column="turbines")
 seen, share = table["turbines"].mean(), table["share"].mean()
 print(f"of 3 turbines, {seen:.2f} are in sight on average, and {share:.0%} of the rotors")
 
-# Three rows of modules on one of the hills: the second and the third stand in the shade of those in front.
-ground = at.sensors_of("raster:20", hills).points
-x, y, z = ground[ground[:, 2].argmax()]
+# Three rows of modules in the valley: the second and the third stand in the shade of those in front.
+x, y = 85_000.0, 446_000.0
+z = 500.0 - float(hills.closest_hit((x, y, 500.0), (0.0, 0.0, -1.0)).t)
 rows = {
     f"row {k}": at.PvModule((x, y + 4.0 * k, z + 1.5), width=20.0, height=2.0, tilt=25.0, string="A") for k in range(3)
 }
@@ -36,7 +36,7 @@ print(shading["shaded_fraction"].unstack("module").round(2))
 at.module_shading(hills, rows, times, place=place, per="string").save(folder / "string.csv")
 
 # The first and the last sun of a week in winter, behind the hills.
-week = at.sun_calendar(hills, [[x0 + 300.0, y0 + 300.0, 0.0]], "2026-12-18:2026-12-24", place=place, on_surface=True)
+week = at.sun_calendar(hills, [[x, y, 0.0]], "2026-12-18:2026-12-24", place=place, on_surface=True)
 week.save(folder / "calendar.csv")
 print(f"on 21 December, the sun comes at {str(week.first[0, 3])[11:]} and goes at {str(week.last[0, 3])[11:]}")
 print("written: farm.tif, string.csv and calendar.csv")

@@ -1,12 +1,18 @@
-"""``{command-help} render``: what ``antumbra render --help`` prints, so that the page cannot be out of date."""
+"""``{command-help} render``: what ``antumbra render --help`` prints, so that the page cannot be out of date.
+
+Each option has an anchor and a link to itself, such as cli/render.html#spp.
+"""
 
 import os
+import re
 import subprocess
 import sys
 from functools import cache
 
 from docutils import nodes
 from docutils.parsers.rst import Directive
+
+_OPTION = re.compile(r"(?<=\n  )(?:-\w, )?--([\w-]+)")
 
 
 @cache
@@ -30,7 +36,17 @@ class CommandHelp(Directive):
             text = help_text(*self.arguments)
         except ValueError as error:
             raise self.error(str(error)) from None
-        return [nodes.literal_block(text, text, language="text")]
+        return [nodes.literal_block("", "", *_linked(text), classes=["command-help"])]
+
+
+def _linked(text: str) -> list[nodes.Node]:
+    """A text whose options link to themselves."""
+    parts, end = list[nodes.Node](), 0
+    for match in _OPTION.finditer(text):
+        parts.append(nodes.Text(text[end : match.start()]))
+        parts.append(nodes.reference("", match[0], refuri=f"#{match[1]}", ids=[match[1]]))
+        end = match.end()
+    return [*parts, nodes.Text(text[end:])]
 
 
 def setup(app):

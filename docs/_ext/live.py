@@ -1,6 +1,6 @@
 """``{live} NAME``: a page with exact shadows of `scripts/live_pages.py`, which is made when the site is built.
 
-Its option `alt` says what is to be seen; its content is the caption.
+Its option `alt` says what is to be seen; `play` plays the day once; its content is the caption.
 """
 
 from html import escape
@@ -19,14 +19,14 @@ class LivePage(SphinxDirective):
 
     required_arguments = 1
     has_content = True
-    option_spec = {"alt": directives.unchanged_required}  # noqa: RUF012
+    option_spec = {"alt": directives.unchanged_required, "play": directives.flag}  # noqa: RUF012
 
     def run(self):
         (name,) = self.arguments
         if name not in live_pages.PAGES:
             raise self.error(f"no live page {name!r}; there are {', '.join(live_pages.PAGES)}")
         self.env.note_dependency(live_pages.__file__)
-        source = f"{'../' * self.env.docname.count('/')}{FOLDER}/{name}.html"
+        source = f"{'../' * self.env.docname.count('/')}{FOLDER}/{name}.html{'?play' if 'play' in self.options else ''}"
         frame = f'<iframe src="{source}" title="{escape(self.options["alt"])}" loading="lazy"></iframe>'
         caption = nodes.paragraph("", "", *self.state.inline_text(" ".join(self.content), self.lineno)[0])
         start, end = (nodes.raw("", text, format="html") for text in (f'<figure class="live">{frame}', "</figure>"))

@@ -1,0 +1,27 @@
+"""Words that readers search for, and the page that answers them, which the search lists first."""
+
+from sphinx.addnodes import index
+
+PAGES = {
+    "install": "install", "pip": "install", "python": "quickstart",
+    "skyline": "jobs/skyline", "horizon": "jobs/skyline",
+    "opacity": "tutorials/model", "transparency": "tutorials/model", "material": "tutorials/model",
+    "lightmap": "jobs/bake", "ambient occlusion": "jobs/bake", "bake": "jobs/bake",
+    "viewshed": "jobs/line-of-sight", "visibility": "jobs/line-of-sight",
+    "shadow": "jobs/shadow", "sun": "jobs/sun", "daylight": "jobs/sun", "shading": "jobs/sun",
+    "terrain": "terrain", "qgis": "maps", "cityjson": "cities", "gpu": "gpu", "error": "errors",
+    "dataset": "jobs/dataset", "view factor": "jobs/view-factors", "jupyter": "notebook",
+}  # fmt: skip
+"""Word -> page."""
+
+
+def add_words(app, doctree) -> None:
+    """Add the words of a page to its index."""
+    entries = [("single", word, "", "main", None) for word, page in PAGES.items() if page == app.env.docname]
+    if entries:
+        doctree.insert(0, index(entries=entries, inline=False))
+
+
+def setup(app):
+    app.connect("doctree-read", add_words)
+    return {"parallel_read_safe": True}

@@ -1,0 +1,4 @@
+# The first picture
+#
+# What the command of the README renders: a courtyard in the sun.
+antumbra render --size 1024x1024 -o first.png
