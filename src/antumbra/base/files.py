@@ -544,8 +544,8 @@ def atomic_output(path: str | os.PathLike[str], *, durable: bool = False) -> Ite
     Raises
     ------
     InputError
-        If `path` is a device or pipe, or writing fails; the message names `path` and the reason. No file is left behind,
-        and an existing file stays.
+        If `path` is a device or pipe, or writing fails; the message names `path` and the reason. No file is left
+        behind, and an existing file stays.
     """
     target = Path(os.path.realpath(path))  # keeps symbolic links
     _check_kind(path, _mode(target))  # os.replace would turn a device such as /dev/null into a file
