@@ -97,4 +97,3 @@ def test_a_store_has_the_insides_of_its_scene(tmp_path):
     inside = inside_solids(scene, points)
     assert 20 < inside.sum() < 280
     np.testing.assert_array_equal(inside_solids(at.load(tmp_path / "a.antumbra"), points), inside)
-
