@@ -41,6 +41,9 @@ def test_bad_paths(tmp_path):
 def test_a_pipe_is_no_file(tmp_path):
     os.mkfifo(tmp_path / "a.png")
     check_fails(tmp_path / "a.png", "not a regular file")
+    with pytest.raises(InputError, match="not a regular file"), atomic_output(tmp_path / "a.png"):
+        pytest.fail("the context was entered")
+    assert (tmp_path / "a.png").is_fifo() and os.listdir(tmp_path) == ["a.png"]
 
 
 def test_a_folder_without_permission(tmp_path, monkeypatch):

@@ -36,6 +36,7 @@ TOWN = {
     "sun at vertices": ("sun", *DAY, "--sensors", "vertex", "-o", "a.csv", "-o", "a.png"),
     "sun of a raster": ("sun", *DAY, "--sensors", "raster:4", "-o", "a.csv", "-o", "a.tif"),
     "map of the sun": ("sun", *DAY, "--sensors", "raster:4", "--map", "a.png"),
+    "gardens": ("sun", *DAY, "--areas", "area.geojson", "-o", "a.csv"),
     "shadow of objects": ("shadow", *HERE, "--per", "object", "-o", "a.geojson"),
     "shadow of casters": ("shadow", *HERE, "--casters", "Building*", "-o", "a.geojson"),
     "calendar": ("calendar", "--points", "targets.csv", "--days", "2026-03-21", "-o", "a.csv"),
@@ -57,7 +58,6 @@ REFUSED = {
     "types of surfaces": ("sun", *DAY, "--sensors", "face", "--surfaces", "WallSurface", "-o", "a.csv"),
     "sun per surface": ("sun", *DAY, "--sensors", "face", "--per", "surface", "-o", "a.csv"),
     "factors of surfaces": ("view-factors", "--per", "surface", "-o", "a.csv"),
-    "areas": ("sun", *DAY, "--areas", "area.geojson", "-o", "a.csv"),
     "trees": ("sun", *DAY, "--trees", "trees.csv?height=h&radius=r", "-o", "a.csv"),
     "changes": ("sun", *DAY, "--remove", "house", "-o", "a.csv"),
 }

@@ -104,8 +104,8 @@ def _one_pixel(lights, position=(0, 0, 0), normal=(0, 1, 0)):
     pixel = lambda v, dtype: np.array(v, dtype).reshape(1, 1, -1)
     side = np.ones((1, 1), np.int8)
     gbuffer = GBuffer(
-        pixel(position, np.float32), pixel(normal, np.float32), side.astype(np.int32), side.astype(np.float32), side,
-        np.zeros(3),
+        pixel(position, np.float32), pixel(normal, np.float32), np.zeros((1, 1), np.int32), side.astype(np.float32),
+        side, np.zeros(3),
     )  # fmt: skip
     scene = at.Scene.from_arrays(np.eye(3)[None])
     (query,) = shadow_queries(scene.triangles(), gbuffer, [lights], [light_samples(lights, 1)])

@@ -113,6 +113,10 @@ def questions():
     lights = [light for name, light in LIGHTS.items() if name != "sky"]
     for plan in plans():
         yield f"frame {plan}", lambda plan=plan: frame_of(small, camera, lights, 16, plan)
+    outdoors = at.procedural("city", triangles=3_000)
+    view, sun = outdoors.cameras[0].resized(70, 46), [at.DirectionalLight((-0.4, -1, -0.3)), outdoors.lights[0]]
+    for plan in plans():  # pixels without a surface, and tiles beyond the picture
+        yield f"outdoors {plan}", lambda plan=plan: frame_of(outdoors, view, sun, 16, plan)
     points = origins[:2_000]
     for name in [each for each in LIGHTS if each != "ambient"]:
         yield f"points {name}", lambda name=name: digest(at.visibility(small, points, LIGHTS[name], spp=64).bits)

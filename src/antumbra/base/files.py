@@ -474,8 +474,7 @@ def checked_output(path: object, suffixes: Sequence[str], size: int = LEAST_BYTE
     if path.suffix.lower() not in suffixes:
         kind = f"unknown suffix {path.suffix!r}" if path.suffix else "the name has no suffix"
         raise InputError(f"{path}: {kind}; use {kinds}")
-    if mode is not None and not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
-        raise InputError(f"{path}: is not a regular file; choose another name")
+    _check_kind(path, mode)
     _check_access(path, exists=mode is not None)
     check_disk_space(path, size)
     return path
@@ -545,9 +544,11 @@ def atomic_output(path: str | os.PathLike[str], *, durable: bool = False) -> Ite
     Raises
     ------
     InputError
-        If writing fails; the message names `path` and the reason. No file is left behind, and an existing file stays.
+        If `path` is a device or pipe, or writing fails; the message names `path` and the reason. No file is left
+        behind, and an existing file stays.
     """
     target = Path(os.path.realpath(path))  # keeps symbolic links
+    _check_kind(path, _mode(target))  # os.replace would turn a device such as /dev/null into a file
     with writing(path), temporary_name(target.parent) as temporary:
         yield temporary
         os.replace(temporary, target)
@@ -600,6 +601,11 @@ def _mode(path: Path) -> int | None:
         raise InputError(f"{path}: {path.parent} is not a folder; choose another place") from None
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be written ({_reason(error)}); choose another place") from None
+
+
+def _check_kind(path: str | os.PathLike[str], mode: int | None) -> None:
+    if mode is not None and not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+        raise InputError(f"{path}: is not a regular file; choose another name")
 
 
 def _check_access(path: Path, exists: bool) -> None:

@@ -160,7 +160,7 @@ def horizon_of(query, i):
     if face >= 0:
         return face_horizon(side, face, query.corners)
     p = three_at(query.origins, i)
-    n = (z, z, z) if side == FREE else three_at(query.normals, i)
+    n = three_at(query.normals, i) if side == 1 or side == -1 else (z, z, z)  # NOTHING may have no row
     return Horizon(side, face, p[0], p[1], p[2], n[0], n[1], n[2], z)
 
 

@@ -268,8 +268,8 @@ def test_a_store_of_tiles_has_one_surface(tmp_path, monkeypatch):
     parts = {(0, 0): heights[:9, :20], (7, 0): heights[7:, :20], (0, 20): heights[:, 20:]}  # two of them overlap
     places = [(2.0, 0.0, 100000.0 + 2.0 * j, 0.0, -2.0, 450000.0 - 2.0 * i) for i, j in parts]
     tiles = [write_raster(tmp_path / f"{k}.tif", *each) for k, each in enumerate(zip(parts.values(), places))]
-    whole = at.from_raster((heights, places[0], CRS), name=at.from_raster(tiles).name)
-    same(at.from_raster(tiles), whole)
+    whole = at.from_raster(tiles)
+    same(whole, at.from_raster((heights, places[0], CRS), name=whole.name))
     at.build_store(whole, tmp_path / "whole.antumbra", chunk=256)
     for scenes in tiles, (str(tile) for tile in tiles):
         at.build_store(scenes, tmp_path / "tiles.antumbra", chunk=256)

@@ -90,7 +90,10 @@ def test_roofs_of_buildings_without_floor_and_ground(up):
     assert found.tolist() == [True] * len(roof) + [False] * len(slope)
 
 
-def test_stores_are_refused(tmp_path):
-    at.build_store(scene_of(boxes([[0, 0, 0]], [[4, 4, 4]])), tmp_path / "a.antumbra")
-    with pytest.raises(at.InputError, match="use the file that it was built from"):
-        inside_solids(at.load(tmp_path / "a.antumbra"), np.zeros((1, 3)))
+def test_a_store_has_the_insides_of_its_scene(tmp_path):
+    scene = scene_of(boxes([[0, 0, 0], [9, 2, 0]], [[4, 4, 4], [3, 3, 5]]))
+    at.build_store(scene, tmp_path / "a.antumbra", chunk=16)
+    points = np.random.default_rng(0).uniform(-1, 13, (300, 3)) * (1, 0.6, 0.5)
+    inside = inside_solids(scene, points)
+    assert 20 < inside.sum() < 280
+    np.testing.assert_array_equal(inside_solids(at.load(tmp_path / "a.antumbra"), points), inside)

@@ -29,13 +29,11 @@ from ...query.receivers import Receivers
 from ...scene.crs import checked_crs, reproject
 from ...scene.raster import Raster
 from ...scene.units import Metres
-from ...trace.rays.ray_hits import intersections
 from .sensors import LOW, Sensors, Zone, ground_at, raster_of
 
 # --- Points inside solids ---------------------------------------------------------------------------------------------
 
 
-_PLAN = "bsah+wide"
 _RAYS = 16
 _SHARE = 0.75  # share of the rays that must leave a solid
 _LOWEST = 0.2  # height of the lowest ray's unit vector
@@ -61,11 +59,6 @@ def inside_solids(scene: AnyScene, points: NDArray[np.float64], threads: int | N
     Alpha-masked faces do not count: they are leaves and fences.
 
     points : (n, 3) float64, world
-
-    Raises
-    ------
-    InputError
-        If the scene is in a store.
     """
     begin = Receivers.on_surface(points, np.eye(3)["xyz".index(scene.up)], scene.origin, scene.middle)
     return _leaves_solid(scene, begin.origins[0], _rays(scene.up, _LOWEST, 1.0), False, threads)
@@ -102,26 +95,31 @@ def _leaves_solid(scene: AnyScene, begin: np.ndarray, rays: np.ndarray, walls: b
     rays : (_RAYS, 3) float64, unit vectors
     walls : count only steep faces
     """
-    scene.data.check_resident()
-    ready = scene.engine.with_options(_PLAN, threads, None).accelerated(0.0)
-    assert ready.bvh is not None
-    corners = ready.triangles.vertices.astype(np.float64)
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    if walls:
-        flat = np.abs(normals[:, "xyz".index(scene.up)]) > _STEEP * np.linalg.norm(normals, axis=1)
-        normals[flat] = 0.0
     reach = 2.0 * float(np.linalg.norm(np.ptp(scene.bounds, axis=0))) + 1.0
     inside = np.zeros(len(begin), bool)
     for first in range(0, len(begin), _AT_A_TIME):
         batch = begin[first : first + _AT_A_TIME]
         origins = np.repeat(batch, _RAYS, 0)
         ends = (origins + np.tile(reach * rays, (len(batch), 1))).astype(np.float32)
-        hits = intersections(ready.bvh, origins, ends, np.full(len(origins), -1, np.int32), threads)
-        ray = np.repeat(np.arange(len(origins)), np.diff(hits.first))
-        signs = np.sign((normals[hits.prims] * (ends.astype(np.float64) - origins)[ray]).sum(1))
+        hits = scene.all_hits(origins + scene.origin, targets=ends + scene.origin, merge="surface", threads=threads)
+        normals, ray = _solid_normals(scene, hits.face, walls), hits.ray
+        signs = np.sign((normals * (ends.astype(np.float64) - origins)[ray]).sum(1))
         winding = np.bincount(ray, signs, len(origins)).reshape(-1, _RAYS)
         inside[first : first + _AT_A_TIME] = (winding != 0.0).mean(1) >= _SHARE
     return inside
+
+
+def _solid_normals(scene: AnyScene, faces: NDArray[np.integer], walls: bool) -> NDArray[np.float64]:
+    """(k, 3) float64: normals of faces, of any length; zero for alpha-masked faces, and for flat ones if `walls`."""
+    each, of = np.unique(faces, return_inverse=True)
+    corners = scene.data.corners(faces=each)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    if walls:
+        flat = np.abs(normals[:, "xyz".index(scene.up)]) > _STEEP * np.linalg.norm(normals, axis=1)
+        normals[flat] = 0.0
+    if (cutouts := scene.data.cutouts) is not None:
+        normals[np.isin(each, cutouts.faces)] = 0.0
+    return normals[of]
 
 
 def _rays(up: str, lowest: float, highest: float) -> np.ndarray:
@@ -180,7 +178,7 @@ def area_sensors(
     Raises
     ------
     InputError
-        If areas cannot be read, hold no cell, or have no ground below them, or if the scene is in a store.
+        If areas cannot be read, hold no cell, or have no ground below them.
     """
     scene, follow, threads = measured_scene(scene), flag(follow, "follow"), thread_count(threads)
     height = number(height, "the height of sensors")

@@ -181,6 +181,8 @@ def _trace_areas(ticket, arrays, query, table, shape, layout, regions, k, n_samp
     reset_trials(scratch.trials)
     for at in items(ticket):
         y, x = corner_of(layout, at * regions)
+        if y >= shape.rows or x >= shape.columns:  # a square of regions reaches beyond the picture
+            continue
         idle = is_idle(tree_list, y * shape.height, x * shape.width)
         mark_unlisted(parts, n_tiles, 0 if idle else 0xFFFF)
         reset_blockers(scratch, -1)
