@@ -129,7 +129,7 @@ def source_of(
 def _address_of(vertices: NDArray[np.float32] | DeviceMemory, launches: DeviceLaunches) -> int:
     if isinstance(vertices, DeviceMemory):
         return vertices.address
-    return launches.sent("vertices", np.ascontiguousarray(vertices), "the triangles of the scene")
+    return launches.sent_triangles(vertices)
 
 
 # --- Steps of a build -------------------------------------------------------------------------------------------------
@@ -138,7 +138,7 @@ def _address_of(vertices: NDArray[np.float32] | DeviceMemory, launches: DeviceLa
 def write_grid(launches: DeviceLaunches, source: Source) -> int:
     """The address of the grid of the codes."""
     summary = launches.block("summary", 16, "counts")
-    strips, boxes = strips_of(source, launches)
+    strips, boxes = strips_of(source.n, launches)
     summary.fill()
     launches.launch("bound_strips", (source, boxes, strips, summary.address), strips)
     seconds, joined = _joined(boxes, strips, launches)
@@ -147,12 +147,10 @@ def write_grid(launches: DeviceLaunches, source: Source) -> int:
     return grid
 
 
-def strips_of(source: Source, launches: DeviceLaunches) -> tuple[int, int]:
-    """(the number of strips of a source's triangles, the address for their boxes, which `join_all` joins)."""
-    strips = min(source.n, _STRIPS)
-    return strips, launches.block(
-        "strips", _BOX * (strips + min(strips, _JOINED) + 1), "the bounds of triangles"
-    ).address
+def strips_of(n: int, launches: DeviceLaunches) -> tuple[int, int]:
+    """(the number of strips of n triangles or points, the address for their boxes, which `join_all` joins)."""
+    strips = min(n, _STRIPS)
+    return strips, launches.block("strips", _BOX * (strips + min(strips, _JOINED) + 1), "the bounds").address
 
 
 def _joined(boxes: int, strips: int, launches: DeviceLaunches) -> tuple[int, int]:
