@@ -2,8 +2,9 @@
 
 The scene is a height field of triangles whose waves move. Cases, for each of --triangles:
 
-- `build`: the tree, from vertices on the device or on the host. `differs` counts the words of nodes, triangles and
-  indices that are not the CPU's.
+- `build`: the tree of `lbvh`, from vertices on the device or on the host. `differs` counts the words of nodes,
+  triangles and indices that are not the CPU's.
+- `ploc`: the tree of `ploc`, in the same way
 - `refit`: the same tree after the waves have moved, with its SAH cost, by which plans choose refits
 - `update`: new vertices, from an array on the device, recentred and surveyed
 - `cull`: the tree of what `grid32` leaves for the shadow rays of a picture, from receivers on the host
@@ -26,11 +27,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import antumbra
-from antumbra.bvh import lbvh, refit
+from antumbra.bvh import lbvh, ploc, refit
 from antumbra.bvh.nodes import LINK, Bvh
 from antumbra.bvh.tree_quality import AREA_ROW
 from antumbra.devices.arrays import DeviceArray
-from antumbra.devices.device import Device
+from antumbra.devices.device import Device, DeviceMemory
 from antumbra.query.query_bounds import triangle_box
 from antumbra.query.shadow_query import ShadowQuery, new_bits, ray_count
 from antumbra.scene.camera import Camera
@@ -44,8 +45,9 @@ from antumbra.trace.device.build_kernels import DIGIT
 from antumbra.trace.device.device_launches import DeviceLaunches
 from antumbra.trace.device.device_tracer import DeviceTracer
 from antumbra.trace.device.device_tree import DeviceTree
+from antumbra.trace.device.ploc_build import PlocTree
 from antumbra.trace.device.resident_vertices import ResidentVertices
-from antumbra.trace.device.tree_build import BuiltTree, source_of
+from antumbra.trace.device.tree_build import BuiltTree, LbvhTree, source_of
 from antumbra.trace.tracer import TRACERS
 from peers.ray_contest import query_of
 
@@ -68,6 +70,18 @@ MOVED: dict[str, Callable[..., int]] = {
     "survey_strips": lambda source, strips, n, tags: 40 * source.n + 32 * n,
     "keep_tagged": lambda source, places, faces: 4 * source.n,
     "frame_points": lambda points, n, out, faults: (24 + 12 * points.double) * n,
+    "cut_ranges": lambda codes, n, largest, tags: 4 * n,
+    "begin_ranges": lambda places, active: 12 * active.n,
+    "begin_roots": lambda active: 4 * active.n,
+    "begin_clusters": lambda vertices, faces, clusters: 84 * clusters.n,
+    "find_nearest": lambda active, clusters, rounds: 44 * active.n,
+    "tag_merges": lambda active, merges, stays: 12 * active.n,
+    "merge_pairs": lambda active, clusters, merges, stays, next_id, left: 128 * active.n,
+    "seat_roots": lambda active, firsts, clusters: 12 * active.n,
+    "place_children": lambda clusters, first, n, nodes: 72 * n,
+    "seat_triangles": lambda clusters, faces, out: 12 * clusters.n,
+    "copy_links": lambda source, n, target: 32 * n,
+    "refit_nodes": lambda tree, order, first, n: 120 * n,
     "bound_receivers": lambda receivers, strips, n: 16 * receivers.n + 32 * n,
     "empty_cells": lambda cells: 24 * cells.n**3,
     "bound_cells": lambda receivers, cells: 16 * receivers.n + 48 * cells.n**3,
@@ -154,7 +168,7 @@ def rows(tracer: DeviceTracer, n: int, options: argparse.Namespace, how: Timings
     first, second, device = waves(n, 0.0), waves(n, 0.4), tracer.device
     on_cpu = how.timed(partial(lbvh.build, first, how.threads), how.rounds)
     with device.upload(first, "the triangles") as memory, device.upload(second, "the triangles") as moved:
-        there = partial(BuiltTree, source_of(memory, None, tracer.launches), tracer.launches)
+        there = partial(LbvhTree, source_of(memory, None, tracer.launches), tracer.launches)
         built = how.timed(there, how.rounds)
         copied = how.timed(partial(tracer.build, first), how.rounds)
         cpu, truth = on_cpu._replace(answers=parts(on_cpu.answers)), parts(on_cpu.answers)
@@ -163,6 +177,8 @@ def rows(tracer: DeviceTracer, n: int, options: argparse.Namespace, how: Timings
                 about | {"case": "build"}, method, timing._replace(answers=parts(timing.answers.bvh)), n, truth
             )
         yield how.row(about | {"case": "build"}, "cpu", cpu, n, truth)
+
+        yield from ploc_rows(tracer, memory, first, how, about)
 
         def refitted() -> BuiltTree:
             tree = built.answers.refitted(moved)
@@ -201,7 +217,9 @@ def rows(tracer: DeviceTracer, n: int, options: argparse.Namespace, how: Timings
         timing = timing._replace(answers=parts(timing.answers.bvh))
         yield how.row(about | {"case": "cull"}, "device", timing, n, truth) | copied_bytes
         yield how.row(about | {"case": "cull"}, "cpu", on_cpu._replace(answers=truth), n, truth)
-        for case, work in ("build", there), ("refit", refitted), ("update", updated), ("cull", culled):
+        of_ploc = partial(PlocTree, source_of(memory, None, tracer.launches), tracer.launches)
+        steps = {"build": there, "ploc": of_ploc, "refit": refitted, "update": updated, "cull": culled}
+        for case, work in steps.items():
             for each in step_rows(tracer.launches, work):
                 yield about | {"case": f"{case} step"} | each
         yield from culled_frame_rows(tracer, culled, query, how, about)
@@ -211,6 +229,18 @@ def rows(tracer: DeviceTracer, n: int, options: argparse.Namespace, how: Timings
 def bounds_and(vertices: np.ndarray, bounds: np.ndarray) -> np.ndarray:
     """Vertices with their bounds, for comparisons."""
     return np.concatenate([vertices.ravel(), bounds.ravel()])
+
+
+def ploc_rows(
+    tracer: DeviceTracer, memory: DeviceMemory, vertices: np.ndarray, how: Timings, about: dict[str, Any]
+) -> Iterator[dict[str, Any]]:
+    """Rows of the tree of `ploc`."""
+    source, n = source_of(memory, None, tracer.launches), len(vertices)
+    built = how.timed(partial(PlocTree, source, tracer.launches), how.rounds)
+    on_cpu = how.timed(partial(ploc.build, vertices, how.threads), how.rounds)
+    truth = parts(on_cpu.answers)
+    for method, timing, answers in ("device", built, parts(built.answers.bvh)), ("cpu", on_cpu, truth):
+        yield how.row(about | {"case": "ploc"}, method, timing._replace(answers=answers), n, truth)
 
 
 def copies_of(device: Device, work: Callable[[], Any]) -> dict[str, int]:

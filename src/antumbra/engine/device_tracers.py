@@ -71,7 +71,7 @@ class OnDeviceTracer(Tracer):
     device : full name
     """
 
-    builders = ("lbvh",)
+    builders = ("lbvh", "ploc")
 
     def __init__(self, device: str) -> None:
         self.device, self.description = device, f"one ray per thread on the device {device}, exact with the CPU's help"
@@ -92,11 +92,11 @@ class OnDeviceTracer(Tracer):
         tracer = device_tracer(str(self.device), current_budget())
         vertices = _vertices(triangles, tracer)
         if request is None or not vertices.size:
-            return OnDevice(tracer, tracer.build(vertices, faces))
+            return OnDevice(tracer, tracer.build(vertices, faces, builder))
         from ..techniques.culling.device_culling import build_relevant
 
         box = triangle_box(triangles, request.threads)
-        return OnDevice(tracer, build_relevant(tracer, vertices, faces, request, box))
+        return OnDevice(tracer, build_relevant(tracer, vertices, faces, request, box, builder))
 
     def refit(self, prepared: OnDevice, triangles: Triangles, limit: float) -> OnDevice | None:
         """The tree, refitted on the device."""

@@ -7,7 +7,7 @@ those that remain [Selgrad et al. 2015, Sec. 3.2 and 3.3]. Receivers are uploade
 triangles come back. Importing this module adds its kernels to those of devices, and their answers to the self-test.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -29,10 +29,10 @@ from ...trace.device.build_kernels import Source, face_of
 from ...trace.device.device_kernels import KERNELS
 from ...trace.device.device_launches import DeviceLaunches
 from ...trace.device.device_receivers import DeviceReceivers
-from ...trace.device.device_tracer import DeviceTracer
+from ...trace.device.device_tracer import BUILDERS, DeviceTracer
 from ...trace.device.device_tree import DeviceTree
 from ...trace.device.self_test import COMPARISONS, Comparison
-from ...trace.device.tree_build import BuiltTree, keep_tagged, source_of
+from ...trace.device.tree_build import keep_tagged, source_of
 from .culling_grid import (
     CellGrid,
     GridPointers,
@@ -321,38 +321,30 @@ def build_relevant(
     faces: NDArray[np.int32] | None,
     request: CullRequest,
     triangles: NDArray[np.float32],
+    builder: str = "lbvh",
 ) -> DeviceTree:
     """The tree of the triangles that segments can meet, as from `DeviceTracer.build` of those that `cull` keeps.
 
     triangles : (2, 3) float32, the box of all triangles
+    builder : as for `DeviceTracer.build`
 
     The receivers stay with the tree, so that tracing does not upload them again.
     """
+    launches = tracer.launches
     with tracer.lock:
         groups = [
             (tracer.receivers(queries[0], request.threads), queries)
             for queries in with_shared_receivers(request.queries)
         ]
-        marked = mark_queries(groups, triangles, request.n, tracer.launches)
-        tree = _tree_of_relevant(tracer, vertices, faces, marked, request.lap)
+        marked = mark_queries(groups, triangles, request.n, launches)
+        kept = None if marked is None else keep_relevant(source_of(vertices, faces, launches), marked, launches)
+        request.lap("cull")
+        if kept is None or kept.n < 2:
+            tree = tracer.build(vertices, np.empty(0, np.int32) if kept is None else kept_faces(kept, launches))
+        else:
+            tree = BUILDERS[builder](kept, launches)
         tree.receivers = tuple(receivers for receivers, _ in groups)
         return tree
-
-
-def _tree_of_relevant(
-    tracer: DeviceTracer,
-    vertices: NDArray[np.float32] | DeviceMemory,
-    faces: NDArray[np.int32] | None,
-    marked: CellBuffers | None,
-    lap: Callable[[str], None],
-) -> DeviceTree:
-    launches = tracer.launches
-    if marked is None:
-        lap("cull")
-        return tracer.build(vertices, np.empty(0, np.int32))
-    kept = keep_relevant(source_of(vertices, faces, launches), marked, launches)
-    lap("cull")
-    return tracer.build(vertices, kept_faces(kept, launches)) if kept.n < 2 else BuiltTree(kept, launches)
 
 
 # --- Self-test --------------------------------------------------------------------------------------------------------

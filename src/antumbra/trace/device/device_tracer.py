@@ -5,6 +5,7 @@ again, fewer at a time; if that hardly gets on, the CPU traces them.
 """
 
 import threading
+from collections.abc import Callable
 from math import prod
 from typing import Any, NamedTuple
 
@@ -21,14 +22,19 @@ from ...query.ray_list import HitArrays, RayArguments, RayArrays, hit_arrays
 from ...query.shadow_query import ShadowQuery
 from ...scene.lights import AMBIENT
 from . import settling
+from .build_kernels import Source
 from .device_kernels import RECORD, HitBuffers
 from .device_launches import DeviceLaunches
 from .device_rays import AGAIN, BLOCKED, CLEAR, TRACED, DevicePatch, RayBuffers, SampleBuffers
 from .device_receivers import DeviceReceivers, ReceiverUploads
 from .device_traversal import PAIRS, REST, WON, Work
 from .device_tree import DeviceTree, UploadedTree
+from .ploc_build import PlocTree
 from .resident_rays import ResidentRays
-from .tree_build import BuiltTree, source_of
+from .tree_build import BuiltTree, LbvhTree, source_of
+
+BUILDERS: dict[str, Callable[[Source, DeviceLaunches], BuiltTree]] = {"lbvh": LbvhTree, "ploc": PlocTree}
+"""Name of a builder -> the tree that it builds on a device."""
 
 CHUNK = 1 << 24
 """Largest number of rays traced together."""
@@ -105,11 +111,17 @@ class DeviceTracer:
         with self.lock:
             return UploadedTree(bvh, self.launches)
 
-    def build(self, vertices: NDArray[np.float32] | DeviceMemory, faces: NDArray[np.int32] | None = None) -> DeviceTree:
-        """The tree of `bvh.lbvh`, built on the device.
+    def build(
+        self,
+        vertices: NDArray[np.float32] | DeviceMemory,
+        faces: NDArray[np.int32] | None = None,
+        builder: str = "lbvh",
+    ) -> DeviceTree:
+        """The tree of a builder on the CPU, built on the device.
 
         vertices : as for `source_of`
         faces : (k,) int32, ascending: those in the tree; None: all
+        builder : a name from BUILDERS
 
         Raises
         ------
@@ -123,7 +135,7 @@ class DeviceTracer:
                     vertices = vertices.read(np.empty((vertices.size // 36, 3, 3), np.float32))
                 bvh = trivial_bvh((vertices if faces is None else vertices[faces]).reshape(-1, 9))
                 return UploadedTree(bvh if faces is None else bvh._replace(prim_ids=faces), self.launches)
-            return BuiltTree(source, self.launches)
+            return BUILDERS[builder](source, self.launches)
 
     def refit(self, tree: DeviceTree, vertices: NDArray[np.float32] | DeviceMemory, limit: float) -> DeviceTree | None:
         """A tree from `build` with moved triangles, which leaves that one unchanged; None: build another one.
