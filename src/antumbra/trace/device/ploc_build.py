@@ -27,7 +27,7 @@ class PlocTree(BuiltTree):
         clusters = _clusters_of(source, faces, self._numbers, min(max_leaf, n - 1), launches)
         self._rounds: list[tuple[int, int]] = []  # the first of each round's new clusters, and the end
         ranges, firsts = _ranges_of(codes, n, launches)
-        spare = _active(launches, "left", n, ranges.n_ranges)
+        spare = _active(launches, "spare", n, ranges.n_ranges)
         roots, spare = self._cluster(clusters, ranges, spare, _ROUNDS, launches)
         launch("seat_roots", (roots, firsts, clusters), roots.n)
         in_ranges = len(self._rounds)
@@ -52,31 +52,32 @@ class PlocTree(BuiltTree):
         self,
         clusters: ClusterBuffers,
         active: ActiveBuffers,
-        left: ActiveBuffers,
+        spare: ActiveBuffers,
         rounds: int,
         launches: DeviceLaunches,
     ) -> tuple[ActiveBuffers, ActiveBuffers]:
         """Merge the active clusters of each range, in at most `rounds` rounds.
 
-        left : memory for as many others
+        spare : memory for as many others
 
         Return the roots of the ranges, and the other memory.
         """
         launch, next_id = launches.launch, self._rounds[-1][1] if self._rounds else clusters.n
         merges, stays = (launches.block(name, 4 * (active.n + 1), _WHAT) for name in ("merges", "stays"))
-        while active.n > active.n_ranges:
-            rounds -= 1
+        for further in range(rounds - 1, -1, -1):
             m = active.n
-            launch("find_nearest", (active, clusters, rounds), m)
+            if m == active.n_ranges:
+                break
+            launch("find_nearest", (active, clusters, further), m)
             launch("tag_merges", (active, merges.address, stays.address), m + 1)
             add_up(launches, merges.address, m + 1)
             add_up(launches, stays.address, m + 1)
-            launch("merge_pairs", (active, clusters, merges.address, stays.address, next_id, left), m + 1)
+            launch("merge_pairs", (active, clusters, merges.address, stays.address, next_id, spare), m + 1)
             merged = int(merges.read(np.empty(1, np.int32), offset=4 * m)[0])
             self._rounds.append((next_id, next_id + merged))
             next_id += merged
-            active, left = left._replace(n=m - merged), active
-        return active, left
+            active, spare = spare._replace(n=m - merged), active
+        return active, spare
 
     def _refit(self, source: "BuiltTree", vertices: int) -> None:
         self.launches.launch("copy_links", (source.nodes.address, self.n_nodes, self.nodes.address), self.n_nodes)

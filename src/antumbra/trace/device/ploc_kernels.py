@@ -144,15 +144,18 @@ def _nearest(active, clusters, i, first, end, partner):
 
 
 @kernel
-def find_nearest(active, clusters, rounds):  # active: ActiveBuffers, clusters: ClusterBuffers
-    """Find the nearest neighbour of each cluster in its range; clusters 2 k and 2 k + 1 where `rounds` may not do."""
+def find_nearest(active, clusters, further):  # active: ActiveBuffers, clusters: ClusterBuffers
+    """Find the nearest neighbour of each cluster in its range.
+
+    further : rounds after this one; where they might not suffice, clusters 2 k and 2 k + 1 are neighbours
+    """
     i = thread_index()
     if i >= active.n:
         return
     r = np.int64(get(i32_at(active.ranges), i))
     first, end = np.int64(get(i32_at(active.begins), r)), np.int64(get(i32_at(active.begins), r + 1))
     nearest = first + (i - first ^ 1)
-    if end - first > 1 and (end - first - 1) >> rounds == 0:
+    if end - first > 1 and (end - first - 1) >> further == 0:
         nearest = _nearest(active, clusters, i, first, end, nearest)
     put(i32_at(active.offsets), i, nearest - i if nearest < end else 0)
 
@@ -200,16 +203,15 @@ def _merge(clusters, left, right, k):
 
 
 @kernel
-def merge_pairs(
-    active, clusters, merges, stays, next_id, left
-):  # active, left: ActiveBuffers; clusters: ClusterBuffers
-    """Merge clusters, the new ones from `next_id` on, and write those that are left without gaps.
+def merge_pairs(active, clusters, merges, stays, next_id, rest):  # clusters: ClusterBuffers
+    """Merge clusters, the new ones from `next_id` on, and write what is left to `rest`, without gaps.
 
+    active, rest : ActiveBuffers
     merges, stays : addresses of int32, the prefix sums of the tags
     """
     i, merged, at = thread_index(), i32_at(merges), i32_at(stays)
     if i <= active.n_ranges:
-        put(i32_at(left.begins), i, get(at, get(i32_at(active.begins), i)))
+        put(i32_at(rest.begins), i, get(at, get(i32_at(active.begins), i)))
     if i >= active.n or get(at, i + 1) == get(at, i):
         return
     id_, place = np.int64(get(i32_at(active.ids), i)), np.int64(get(at, i))
@@ -218,8 +220,8 @@ def merge_pairs(
         k = next_id + np.int64(get(merged, i))
         _merge(clusters, id_, np.int64(get(i32_at(active.ids), partner)), k)
         id_ = k
-    put(i32_at(left.ids), place, id_)
-    put(i32_at(left.ranges), place, get(i32_at(active.ranges), i))
+    put(i32_at(rest.ids), place, id_)
+    put(i32_at(rest.ranges), place, get(i32_at(active.ranges), i))
 
 
 # --- 3. Nodes ---------------------------------------------------------------------------------------------------------
