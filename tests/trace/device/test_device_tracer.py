@@ -211,6 +211,14 @@ def test_triangles_that_a_tree_was_built_from_are_those_of_the_receivers(device,
     assert bits.any()
 
 
+def test_triangles_of_a_view_with_gaps_are_sent_each_time(device):
+    launches, corners = DeviceTracer(device).launches, np.arange(180, dtype=np.float32).reshape(20, 9)
+    for part in corners[:10], corners[::2], corners[:10], corners[10:], corners[::2]:
+        assert launches.kept_triangles(part)
+        found = launches.block("triangles of the scene", 0, "").read(np.empty((10, 9), np.float32))
+        np.testing.assert_array_equal(found, part)
+
+
 # --- Lists that are too short -----------------------------------------------------------------------------------------
 
 

@@ -53,8 +53,8 @@ class DeviceLaunches:
 
     def kept_triangles(self, vertices: NDArray[np.float32]) -> int:
         """As `sent_triangles`; the latest ones are not copied again, since nobody may have written to them."""
-        kept, (owner, place) = self._triangles, _place_of(vertices)
-        if kept is None or kept[0] is not owner or kept[1] != place:
+        kept, ours = self._triangles, _place_of(vertices)
+        if kept is None or ours is None or kept[0] is not ours[0] or kept[1] != ours[1]:
             return self.sent_triangles(vertices)
         return self.block("triangles of the scene", 0, "").address
 
@@ -65,6 +65,7 @@ class DeviceLaunches:
         return block.address
 
 
-def _place_of(array: NDArray[Any]) -> tuple[object, object]:
-    """(the owner of an array's memory, which must be held so that the memory is not reused; the place in it)."""
-    return array if array.base is None else array.base, (address_of(array), array.nbytes)
+def _place_of(array: NDArray[Any]) -> tuple[object, object] | None:
+    """(the owner of an array's memory, to be held so that it is not reused; the place in it); None: it has gaps."""
+    owner = array if array.base is None else array.base
+    return (owner, (address_of(array), array.nbytes)) if array.flags.c_contiguous else None
