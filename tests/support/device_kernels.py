@@ -173,4 +173,4 @@ REVERSED = DeviceKernel(reversed_blocks, (0, 0))
 VOTES = DeviceKernel(votes, (0, 0, 0))
 ODDS = DeviceKernel(counted_odds, (0, 0))
 LEAST = DeviceKernel(least_of, (0, 0, 0, 0))
-SAMPLES = [FLOATS, DOUBLES, LINKS, REVERSED, VOTES, ODDS, LEAST]
+SAMPLES = [FLOATS, DOUBLES, LINKS, REVERSED, VOTES, ODDS]
