@@ -149,7 +149,8 @@ def line(each: dict[str, Any]) -> str:
     left = [f"{each[name]:.1f}" if name in each else "" for name in ("undecided", "on cpu")]
     ms = statistics.median(each["seconds"]) * 1e3
     head = f"{each['case']:9s} {each['method']:20s} {each['mrays']:9.2f} {ms:9.2f} {each['differs']:8d}"
-    return f"{head} {left[0]:>10s} {left[1]:>8s}"
+    copied = [f"{each[name] / 1e6:.3f} MB {name}" for name in ("uploaded", "downloaded") if name in each]
+    return f"{head} {left[0]:>10s} {left[1]:>8s} {', '.join(copied)}".rstrip()
 
 
 def step_line(each: dict[str, Any]) -> str:

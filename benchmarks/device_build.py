@@ -2,13 +2,17 @@
 
 The scene is a height field of triangles whose waves move. Cases, for each of --triangles:
 
-- `build`: the tree, from vertices on the device or on the host. `differs` counts the words of nodes, triangles and
-  indices that are not the CPU's.
+- `build`: the tree of `lbvh`, from vertices on the device or on the host. `differs` counts the words of nodes,
+  triangles and indices that are not the CPU's.
+- `ploc`: the tree of `ploc`, in the same way
 - `refit`: the same tree after the waves have moved, with its SAH cost, by which plans choose refits
 - `update`: new vertices, from an array on the device, recentred and surveyed
 - `cull`: the tree of what `grid32` leaves for the shadow rays of a picture, from receivers on the host
 - `frame`: the tree of new triangles, and the shadow rays of a picture in it: receivers and vertices on the host before,
   bits on the host after. `differs` counts receivers.
+- `culled`: the same frame with `grid32`, from vertices on the device
+
+The rows of `cull` and `culled` have the bytes that one call copies to the device and from it.
 
 Steps: each kernel of a build, a refit, an update and of culling with its launches, the time between the events before
 and after them, and the bytes that it must move at least once: what a kernel reads again comes from caches.
@@ -23,10 +27,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import antumbra
-from antumbra.bvh import lbvh, refit
+from antumbra.bvh import lbvh, ploc, refit
 from antumbra.bvh.nodes import LINK, Bvh
 from antumbra.bvh.tree_quality import AREA_ROW
 from antumbra.devices.arrays import DeviceArray
+from antumbra.devices.device import Device, DeviceMemory
+from antumbra.query.query_bounds import triangle_box
 from antumbra.query.shadow_query import ShadowQuery, new_bits, ray_count
 from antumbra.scene.camera import Camera
 from antumbra.scene.lights import QuadLight
@@ -34,13 +40,14 @@ from antumbra.scene.resident_triangles import FramedVertices
 from antumbra.scene.triangle_setup import survey
 from antumbra.scene.triangles import Triangles
 from antumbra.techniques.culling.device_culling import build_relevant
-from antumbra.techniques.culling.pre_bvh_culling import bound_segments, cull
+from antumbra.techniques.culling.pre_bvh_culling import CullRequest, cull
 from antumbra.trace.device.build_kernels import DIGIT
 from antumbra.trace.device.device_launches import DeviceLaunches
 from antumbra.trace.device.device_tracer import DeviceTracer
 from antumbra.trace.device.device_tree import DeviceTree
+from antumbra.trace.device.ploc_build import PlocTree
 from antumbra.trace.device.resident_vertices import ResidentVertices
-from antumbra.trace.device.tree_build import BuiltTree, source_of
+from antumbra.trace.device.tree_build import BuiltTree, LbvhTree, source_of
 from antumbra.trace.tracer import TRACERS
 from peers.ray_contest import query_of
 
@@ -63,6 +70,23 @@ MOVED: dict[str, Callable[..., int]] = {
     "survey_strips": lambda source, strips, n, tags: 40 * source.n + 32 * n,
     "keep_tagged": lambda source, places, faces: 4 * source.n,
     "frame_points": lambda points, n, out, faults: (24 + 12 * points.double) * n,
+    "cut_ranges": lambda codes, n, largest, tags: 4 * n,
+    "begin_ranges": lambda places, active: 12 * active.n,
+    "begin_roots": lambda active: 4 * active.n,
+    "begin_clusters": lambda vertices, faces, clusters: 84 * clusters.n,
+    "find_nearest": lambda active, clusters, further: 44 * active.n,
+    "tag_merges": lambda active, merges, stays: 12 * active.n,
+    "merge_pairs": lambda active, clusters, merges, stays, next_id, rest: 128 * active.n,
+    "seat_roots": lambda active, firsts, clusters: 12 * active.n,
+    "place_children": lambda clusters, first, n, nodes: 72 * n,
+    "seat_triangles": lambda clusters, faces, out: 12 * clusters.n,
+    "copy_links": lambda source, n, target: 32 * n,
+    "refit_nodes": lambda tree, order, first, n: 120 * n,
+    "bound_receivers": lambda receivers, strips, n: 16 * receivers.n + 32 * n,
+    "empty_cells": lambda cells: 24 * cells.n**3,
+    "bound_cells": lambda receivers, cells: 16 * receivers.n + 48 * cells.n**3,
+    "tag_cells": lambda cells, tags: 8 * cells.n**3,
+    "write_sources": lambda cells, places, boxes: 4 * cells.n**3,
     "make_hulls": lambda pairs, hulls, n, marked: 100 * n,
     "mark_layers": lambda hulls, n, marked, pad: 100 * n,
     "spread_marks": lambda marked: 4 * marked.n**3 + 4 * (marked.n + 1) ** 3,
@@ -144,7 +168,7 @@ def rows(tracer: DeviceTracer, n: int, options: argparse.Namespace, how: Timings
     first, second, device = waves(n, 0.0), waves(n, 0.4), tracer.device
     on_cpu = how.timed(partial(lbvh.build, first, how.threads), how.rounds)
     with device.upload(first, "the triangles") as memory, device.upload(second, "the triangles") as moved:
-        there = partial(BuiltTree, source_of(memory, None, tracer.launches), tracer.launches)
+        there = partial(LbvhTree, source_of(memory, None, tracer.launches), tracer.launches)
         built = how.timed(there, how.rounds)
         copied = how.timed(partial(tracer.build, first), how.rounds)
         cpu, truth = on_cpu._replace(answers=parts(on_cpu.answers)), parts(on_cpu.answers)
@@ -153,6 +177,8 @@ def rows(tracer: DeviceTracer, n: int, options: argparse.Namespace, how: Timings
                 about | {"case": "build"}, method, timing._replace(answers=parts(timing.answers.bvh)), n, truth
             )
         yield how.row(about | {"case": "build"}, "cpu", cpu, n, truth)
+
+        yield from ploc_rows(tracer, memory, first, how, about)
 
         def refitted() -> BuiltTree:
             tree = built.answers.refitted(moved)
@@ -177,9 +203,8 @@ def rows(tracer: DeviceTracer, n: int, options: argparse.Namespace, how: Timings
         triangles, query = shadow_query_of(first, options.size, options.spp, how.threads)
 
         def culled() -> DeviceTree:
-            segments = bound_segments(triangles, [query], how.threads)
-            assert segments is not None
-            return build_relevant(tracer, memory, None, segments)
+            request = CullRequest([query], 32, how.threads, lambda step: None)
+            return build_relevant(tracer, memory, None, request, triangle_box(triangles))
 
         def culled_on_cpu() -> Bvh:
             left = cull(triangles, [query], how.threads)
@@ -188,17 +213,70 @@ def rows(tracer: DeviceTracer, n: int, options: argparse.Namespace, how: Timings
 
         timing, on_cpu = how.timed(culled, how.rounds), how.timed(culled_on_cpu, how.rounds)
         truth = parts(on_cpu.answers)
-        yield how.row(about | {"case": "cull"}, "device", timing._replace(answers=parts(timing.answers.bvh)), n, truth)
+        copied_bytes = copies_of(device, culled)
+        timing = timing._replace(answers=parts(timing.answers.bvh))
+        yield how.row(about | {"case": "cull"}, "device", timing, n, truth) | copied_bytes
         yield how.row(about | {"case": "cull"}, "cpu", on_cpu._replace(answers=truth), n, truth)
-        for case, work in ("build", there), ("refit", refitted), ("update", updated), ("cull", culled):
+        of_ploc = partial(PlocTree, source_of(memory, None, tracer.launches), tracer.launches)
+        steps = {"build": there, "ploc": of_ploc, "refit": refitted, "update": updated, "cull": culled}
+        for case, work in steps.items():
             for each in step_rows(tracer.launches, work):
                 yield about | {"case": f"{case} step"} | each
+        yield from culled_frame_rows(tracer, culled, query, how, about)
     yield from frame_rows(tracer, second, options, how, about)
 
 
 def bounds_and(vertices: np.ndarray, bounds: np.ndarray) -> np.ndarray:
     """Vertices with their bounds, for comparisons."""
     return np.concatenate([vertices.ravel(), bounds.ravel()])
+
+
+def ploc_rows(
+    tracer: DeviceTracer, memory: DeviceMemory, vertices: np.ndarray, how: Timings, about: dict[str, Any]
+) -> Iterator[dict[str, Any]]:
+    """Rows of the tree of `ploc`."""
+    source, n = source_of(memory, None, tracer.launches), len(vertices)
+    built = how.timed(partial(PlocTree, source, tracer.launches), how.rounds)
+    on_cpu = how.timed(partial(ploc.build, vertices, how.threads), how.rounds)
+    truth = parts(on_cpu.answers)
+    for method, timing, answers in ("device", built, parts(built.answers.bvh)), ("cpu", on_cpu, truth):
+        yield how.row(about | {"case": "ploc"}, method, timing._replace(answers=answers), n, truth)
+
+
+def copies_of(device: Device, work: Callable[[], Any]) -> dict[str, int]:
+    """The bytes that a call copies to a device and from it."""
+    counts, copies = {"uploaded": 0, "downloaded": 0}, (device.upload_bytes, device.download_bytes)
+
+    def counted(name: str, copy: Callable[..., None]) -> Callable[..., None]:
+        def call(address: int, array: np.ndarray, *rest: Any) -> None:
+            counts[name] += array.nbytes
+            copy(address, array, *rest)
+
+        return call
+
+    device.upload_bytes, device.download_bytes = map(counted, counts, copies)  # type: ignore[method-assign]
+    try:
+        work()
+    finally:
+        del device.upload_bytes, device.download_bytes
+    return counts
+
+
+def culled_frame_rows(
+    tracer: DeviceTracer, build: Callable[[], DeviceTree], query: ShadowQuery, how: Timings, about: dict[str, Any]
+) -> Iterator[dict[str, Any]]:
+    """The row of a frame in the tree of what culling leaves."""
+
+    def frame() -> np.ndarray:
+        bits = new_bits(query)
+        tracer.trace_shadow(build(), query, bits, how.threads)
+        return bits
+
+    truth, whole = new_bits(query), tracer.build(query.corners.reshape(-1, 3, 3))
+    tracer.trace_shadow(whole, query, truth, how.threads)
+    timing = how.timed(frame, how.rounds)
+    row = how.row(about | {"case": "culled"}, "device", timing, ray_count(query), truth)
+    yield row | copies_of(tracer.device, frame)
 
 
 def frame_rows(

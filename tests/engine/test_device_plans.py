@@ -125,15 +125,15 @@ def builds(monkeypatch):
     """The numbers of triangles of the trees that devices have built."""
     found, build = [], device_tracer_module.DeviceTracer.build
 
-    def counted(tracer, vertices, faces=None):
+    def counted(tracer, vertices, faces, builder):
         found.append(len(vertices if faces is None else faces))
-        return build(tracer, vertices, faces)
+        return build(tracer, vertices, faces, builder)
 
     monkeypatch.setattr(device_tracer_module.DeviceTracer, "build", counted)
     return found
 
 
-BUILT = pytest.mark.parametrize("plan", device_plans(text=True)[2:])
+BUILT = pytest.mark.parametrize("plan", [*device_plans(text=True)[2:], "ploc+device:host:0"])
 
 
 @BUILT
@@ -181,7 +181,13 @@ def test_plans_of_one_builder_answer_alike_wherever_it_ran_first(order):
 
 
 @pytest.mark.parametrize(
-    "plan", ["grid32+lbvh+device:host:0", "lbvh+reinsert+device:host:0", "lbvh+refit+device:host:0"]
+    "plan",
+    [
+        "grid32+lbvh+device:host:0",
+        "grid32+ploc+device:host:0",
+        "lbvh+reinsert+device:host:0",
+        "lbvh+refit+device:host:0",
+    ],
 )
 def test_a_device_builds_what_culling_leaves_and_takes_trees_that_the_cpu_improves(plan):
     frame, expected = (at.render(soup_scene(3), *LOOK, spp=4, plan=each) for each in (plan, "bsah+single"))

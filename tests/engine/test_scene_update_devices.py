@@ -156,3 +156,18 @@ def test_vertices_that_a_scene_cannot_have_leave_it_as_it_was(plan):
     assert scene.data.moved is None
     with pytest.raises(InputError, match="either vertices, or a transform"):
         engine.update(on_device_of(engine, points), transform=np.eye(4))
+
+
+@BUILT
+@pytest.mark.parametrize("cull", ["", "grid32+"], ids=["all", "culled"])
+def test_points_are_answered_without_fetching_vertices(plan, cull):
+    (scene, points), other = mesh_scene(), mesh_scene()[0]
+    engine, rng = Engine(scene, cull + plan), np.random.default_rng(4)
+    moved = next(moves(points, np.float64))
+    engine.update(on_device_of(engine, moved))
+    other.update(moved)
+    receivers = at.Receivers.in_space(rng.uniform(*scene.bounds, (40, 3)), scene.origin)
+    ours, theirs = (each.visibility(receivers, [LAMP], spp=4) for each in (engine, Engine(other, "bsah+single")))
+    np.testing.assert_array_equal(ours.bits, theirs.bits)
+    assert 0 < ours.bits.astype(bool).mean() < 1
+    assert "_fetched" not in vars(scene.triangles())

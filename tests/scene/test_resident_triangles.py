@@ -13,7 +13,8 @@ def test_vertices_are_fetched_once_and_only_when_they_are_read():
     framed = FramedVertices("memory", lambda: fetched.append(1) or vertices, None, vertices[:, 0], True)
     rest = np.zeros(3), np.arange(2, dtype=np.int32), np.ones((2, 3), np.float32)
     triangles = ResidentTriangles.of(framed, Triangles(None, *rest))
-    assert triangles.memory == "memory" and triangles.face_id is rest[1] and not fetched
+    assert triangles.memory == "memory" and triangles.face_id is rest[1] and triangles.bounds is framed.bounds
+    assert not fetched
     assert triangles.vertices is vertices is triangles.vertices and len(fetched) == 1
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from antumbra.kernels.device import (
     atomic_add,
+    atomic_min,
     ballot,
     barrier,
     block_index,
@@ -156,6 +157,14 @@ def counted_odds(numbers, total):
         atomic_add(i64_at(total), 0, get(sums, 0))
 
 
+@kernel
+def least_of(numbers, least, n, m):
+    """Lower int32 k of m to the least of every m-th of n."""
+    i = thread_index()
+    if i < n:
+        atomic_min(i32_at(least), i % m, get(i32_at(numbers), i))
+
+
 PLACES = DeviceKernel(places, (0,))
 FLOATS = DeviceKernel(float_operations, (Arrays(0, 0, 0, 0, np.float32(0)),))
 DOUBLES = DeviceKernel(double_operations, (0, 0, 0, 0))
@@ -163,4 +172,5 @@ LINKS = DeviceKernel(sorted_links, (0, 0, 0, 0))
 REVERSED = DeviceKernel(reversed_blocks, (0, 0))
 VOTES = DeviceKernel(votes, (0, 0, 0))
 ODDS = DeviceKernel(counted_odds, (0, 0))
+LEAST = DeviceKernel(least_of, (0, 0, 0, 0))
 SAMPLES = [FLOATS, DOUBLES, LINKS, REVERSED, VOTES, ODDS]

@@ -236,8 +236,8 @@ def _cluster(active, m, rounds, forest, scale):
 # --- Subtrees ---------------------------------------------------------------------------------------------------------
 
 
-_TOP_ROUNDS = 24
-_ROUNDS = MAX_DEPTH - _TOP_ROUNDS  # of a range: a round adds at most one level
+TOP_ROUNDS = 24
+_ROUNDS = MAX_DEPTH - TOP_ROUNDS  # of a range: a round adds at most one level
 _AHEAD = 64  # prefetch distance in triangles
 _STACK_SIZE = 3 * (MAX_DEPTH + 1)
 _LEAF_STACK = MAX_LEAF + 1
@@ -415,7 +415,7 @@ def _cluster_roots(roots, scale, room, memory, children):
     active, forest = _active_in(ptr(memory), room), _forest_in(ptr(memory), room)
     for k in range(n):
         _begin(active, forest, k, k, load8(roots, k * 16))
-    _cluster(active, n, _TOP_ROUNDS, forest, scale)
+    _cluster(active, n, TOP_ROUNDS, forest, scale)
     for i in range(t):
         k = n + t - 1 - i  # children were made first
         left, right = get(forest.left, k), get(forest.right, k)

@@ -24,7 +24,7 @@ from ..query.shadow_query import ShadowQuery, new_bits
 from ..scene.scene_data import MemoryData
 from ..scene.triangles import Triangles
 from ..techniques.chcrt.chc_rt import ChcRtState
-from ..techniques.culling.pre_bvh_culling import BoundedSegments, CullResult, solid_of, solid_tree, soup_of
+from ..techniques.culling.pre_bvh_culling import CullRequest, CullResult, solid_of, solid_tree, soup_of
 from ..techniques.srdh.representative_rays import Bounce, RepresentativeRays, RepresentativeRaySelector, SrdhRays
 from ..trace.alpha_cutouts import CutoutTree, add_shadows, cutout_tree
 from ..trace.rays.ray_hits import Intersections
@@ -153,11 +153,9 @@ class Accelerator:
         culled: CullResult | None = None
         if self.plan.cull:
             culler = CULLERS[self.plan.cull]
-            if self.own_tree and culler.bound is not None:
-                segments = culler.bound(triangles, queries, self.threads)
-                lap("cull")
-                if segments is not None:
-                    return self.prepare(self.choice, triangles, None, None, segments)
+            if self.own_tree and culler.cells is not None:
+                request = CullRequest(queries, culler.cells, self.threads, lap)
+                return self.prepare(self.choice, triangles, None, None, request)
             culled = culler.cull(triangles, queries, self.threads)
             lap("cull")
         if sample is None:
@@ -261,18 +259,18 @@ class Accelerator:
         triangles: Triangles,
         bvh: Bvh | None,
         solid: CullResult | None = None,
-        segments: BoundedSegments | None = None,
+        request: CullRequest | None = None,
     ) -> Accelerated:
         """Convert the BVH to the input of this plan's tracer; without one, the triangles, or a tree that it builds.
 
         solid : the solid triangles, or those that culling left; None: all
-        segments : those to which the tracer reduces the tree that it builds
+        request : how the tracer culls before it builds a tree
         """
         tracer, updated = self.plan.tracer, self.memory.updated
         with device_budget(self.device_memory):
             if bvh is None and choice.builder is not None:
                 faces = triangles.solid if solid is None else solid.kept
-                prepared = self._own_tree(choice.builder, triangles, faces, segments)
+                prepared = self._own_tree(choice.builder, triangles, faces, request)
             else:
                 geometry = soup_of(triangles, solid, self.threads) if bvh is None else bvh
                 prepared = tracer.prepare(geometry, self.threads)
@@ -283,15 +281,15 @@ class Accelerator:
         return Accelerated(triangles, bvh, prepared, self.cutouts_of(triangles), bool(choice.culler), choice)
 
     def _own_tree(
-        self, builder: str, triangles: Triangles, faces: NDArray[np.int32] | None, segments: BoundedSegments | None
+        self, builder: str, triangles: Triangles, faces: NDArray[np.int32] | None, request: CullRequest | None
     ) -> Any:
         """A tree from the tracer: the latest one, refitted, or a new one."""
         tracer, latest, self.memory.own = self.plan.tracer, self.memory.own, None
-        prepared = None if latest is None or segments is not None else latest.at(tracer, triangles, faces)
+        prepared = None if latest is None or request is not None else latest.at(tracer, triangles, faces)
         if prepared is None:
             latest = None  # on a device, there may be no room for both
-            prepared = tracer.build(builder, triangles, faces, segments)
-        if segments is None:
+            prepared = tracer.build(builder, triangles, faces, request)
+        if request is None:
             self.memory.own = OwnTree(triangles, faces, prepared)
         return prepared
 

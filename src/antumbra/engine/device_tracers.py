@@ -10,10 +10,11 @@ from ..base.progress import ProgressCallback
 from ..bvh.nodes import Bvh
 from ..devices.device_list import CPU, current_budget, parse_device
 from ..kernels.parallel import thread_count
+from ..query.query_bounds import triangle_box
 from ..query.shadow_query import ShadowQuery, ray_count
 from ..scene.resident_triangles import ResidentTriangles
 from ..scene.triangles import Triangles
-from ..techniques.culling.pre_bvh_culling import BoundedSegments
+from ..techniques.culling.pre_bvh_culling import CullRequest
 from ..trace.counters import RAYS
 from ..trace.tracer import Bits, Counters, Tracer, TracerState
 from .method_registry import register_family
@@ -70,7 +71,7 @@ class OnDeviceTracer(Tracer):
     device : full name
     """
 
-    builders = ("lbvh",)
+    builders = ("lbvh", "ploc")
 
     def __init__(self, device: str) -> None:
         self.device, self.description = device, f"one ray per thread on the device {device}, exact with the CPU's help"
@@ -85,16 +86,17 @@ class OnDeviceTracer(Tracer):
         builder: str,
         triangles: Triangles,
         faces: NDArray[np.int32] | None,
-        segments: BoundedSegments | None = None,
+        request: CullRequest | None = None,
     ) -> OnDevice:
-        """A tree built on the device."""
+        """A tree built on the device, of the triangles that queries can meet if there is a request."""
         tracer = device_tracer(str(self.device), current_budget())
         vertices = _vertices(triangles, tracer)
-        if segments is None:
-            return OnDevice(tracer, tracer.build(vertices, faces))
+        if request is None or not vertices.size:
+            return OnDevice(tracer, tracer.build(vertices, faces, builder))
         from ..techniques.culling.device_culling import build_relevant
 
-        return OnDevice(tracer, build_relevant(tracer, vertices, faces, segments))
+        box = triangle_box(triangles, request.threads)
+        return OnDevice(tracer, build_relevant(tracer, vertices, faces, request, box, builder))
 
     def refit(self, prepared: OnDevice, triangles: Triangles, limit: float) -> OnDevice | None:
         """The tree, refitted on the device."""

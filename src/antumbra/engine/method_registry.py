@@ -15,7 +15,7 @@ from ..base.errors import InputError
 from ..bvh import binned_sah, lbvh, ploc, refit, reinsertion
 from ..bvh.nodes import Bvh
 from ..techniques.chcrt.chcrt_tracer import ChcRtTracer
-from ..techniques.culling.pre_bvh_culling import BoundedSegments, CullResult, bound_segments, cull
+from ..techniques.culling.pre_bvh_culling import CullResult, cull
 from ..techniques.rayhierarchy.cone_tracer import FastestCones
 from ..techniques.srdh import srdh_builder
 from ..techniques.tracer_options import ChcRtOptions
@@ -62,14 +62,13 @@ __all__ = [
 class Culler(NamedTuple):
     """A method that drops triangles before a BVH is built: ``cull(triangles, queries, threads) -> CullResult``.
 
-    It keeps every triangle that a shadow ray of the queries can hit. ``bound(triangles, queries, threads)``, if there
-    is one, is its first step, for tracers that drop the triangles themselves: see `pre_bvh_culling.bound_segments`.
+    It keeps every triangle that a shadow ray of the queries can hit.
     """
 
     cull: Callable[..., CullResult]
     description: str  # one line, for `antumbra plans`
     paper: str  # citation
-    bound: Callable[..., BoundedSegments | None] | None = None
+    cells: int | None = None  # per axis of its grid, for tracers that cull by `CullRequest`; None: only `cull` can
 
 
 class Builder(NamedTuple):
@@ -122,7 +121,7 @@ CULLERS: dict[str, Culler] = {
         partial(cull, n=n),
         f"drops triangles by a grid of {n} x {n} x {n} cells between receivers and lights",
         SELGRAD,
-        partial(bound_segments, n=n),
+        n,
     )
     for n in (32, 16, 64, 128, 256)
 }

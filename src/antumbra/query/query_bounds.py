@@ -18,6 +18,7 @@ from ..kernels.parallel import CHUNK, new_ticket, run_short, shares, thread_coun
 from ..kernels.simd import load16, maximum, minimum, ptr, splat16, store
 from ..scene.light_lists import LightList
 from ..scene.lights import DIRECTIONAL, Light, LightPatch
+from ..scene.resident_triangles import ResidentTriangles
 from ..scene.scene_bounds import flush_to_zero
 from ..scene.triangles import Triangles
 
@@ -93,6 +94,8 @@ _latest: list[tuple[weakref.ref[NDArray[np.float32]], NDArray[np.float32]]] = []
 
 def triangle_box(triangles: Triangles, threads: int | None = None) -> NDArray[np.float32]:
     """(2, 3) float32: the `bounds` of at least one triangle. Those of the latest triangles are cached: do not write."""
+    if isinstance(triangles, ResidentTriangles):
+        return triangles.bounds
     for vertices, box in _latest:
         if vertices() is triangles.vertices:
             return box

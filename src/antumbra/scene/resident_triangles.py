@@ -42,17 +42,18 @@ class DeviceVertices(Protocol):
 class ResidentTriangles(Triangles):
     """Triangles on a device. `vertices` is fetched when it is first read, and kept.
 
-    memory : the device's block, as in `FramedVertices`
+    memory, bounds : as in `FramedVertices`
     """
 
     memory: Any
+    bounds: NDArray[np.float32]
     _fetch: Callable[[], NDArray[np.float32]]
 
     @classmethod
     def of(cls, framed: FramedVertices, triangles: Triangles) -> "ResidentTriangles":
         """Triangles with the vertices of `framed`, and everything else of `triangles`."""
         new = cls._make(triangles)
-        new.memory, new._fetch = framed.memory, framed.fetch
+        new.memory, new.bounds, new._fetch = framed.memory, framed.bounds, framed.fetch
         return new
 
     @property

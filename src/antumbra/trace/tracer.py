@@ -120,13 +120,13 @@ class Tracer:
         """The tracer's form of a `Bvh`, or of a `Soup` if its form is TRIANGLES."""
         return geometry if self.form.make is None else self.form.make(geometry, threads)
 
-    def build(self, builder: str, triangles: Triangles, faces: NDArray[np.int32] | None, segments: Any = None) -> Any:
+    def build(self, builder: str, triangles: Triangles, faces: NDArray[np.int32] | None, request: Any = None) -> Any:
         """The form of a new tree by one of `builders`, as `prepare` makes it of a finished one.
 
         triangles : Triangles
             All triangles of the scene.
         faces : (k,) int32, ascending: those in the tree; None: all
-        segments : a `techniques.culling.pre_bvh_culling.BoundedSegments`; only faces that they can meet are in the tree
+        request : a `techniques.culling.pre_bvh_culling.CullRequest`: only what its queries can meet is in the tree
         """
         raise NotImplementedError
 

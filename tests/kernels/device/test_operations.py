@@ -100,6 +100,12 @@ def test_stacks_vectors_bytes_and_atomics_work_together(device):
     assert np.argsort(ranks).tolist() == expected and total == n * n
 
 
+def test_an_atomic_minimum_is_that_of_all_threads(device):
+    numbers = np.random.default_rng(5).integers(-(2**31), 2**31, 5000).astype(np.int32)
+    found = run(device, sample.LEAST, [numbers, np.full(7, 2**31 - 1, np.int32)], len(numbers), len(numbers), 7)[1]
+    assert found.tolist() == [numbers[k::7].min() for k in range(7)]
+
+
 @pytest.mark.parametrize("block", [32, 64, 256])
 def test_a_barrier_shows_all_threads_what_others_wrote_before_it(device, block):
     numbers = np.arange(512, dtype=np.int32)

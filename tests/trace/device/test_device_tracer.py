@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.bvh import binned_sah
+from antumbra.bvh import binned_sah, lbvh
 from antumbra.query.light_samples import light_samples
 from antumbra.query.ray_list import HitFilter, rays_of
 from antumbra.query.receivers import Receivers
 from antumbra.query.shadow_query import new_bits
+from antumbra.trace.device.device_launches import DeviceLaunches
 from antumbra.trace.device.device_tracer import CAPACITIES, Capacities, DeviceTracer
 from antumbra.trace.rays.single_rays import as_built, trace_shadow
 from asking import query_of
@@ -182,13 +183,40 @@ def test_receivers_in_the_plane_of_the_light_and_of_all_blockers(tracer):
     assert check_query(tracer, *query_of(scene, camera, light, 16)) > 0
 
 
-def test_the_receivers_triangles_are_sent_again_only_if_they_are_others(device):
-    camera, tracer, addresses = at.Camera((0, 2, 9), (0, -0.5, 0), width=9, height=7), DeviceTracer(device), []
+def test_the_receivers_triangles_are_sent_again_only_if_they_are_others(device, monkeypatch):
+    camera, tracer, sent, done = at.Camera((0, 2, 9), (0, -0.5, 0), width=9, height=7), DeviceTracer(device), [], []
+    send = DeviceLaunches.sent_triangles
+
+    def counted(self, corners):
+        sent.append(len(done))
+        return send(self, corners)
+
+    monkeypatch.setattr(DeviceLaunches, "sent_triangles", counted)
     scenes = [query_of(soup_scene(seed), camera, LIGHTS["quad"], 4) for seed in (7, 8)]
     for triangles, query in (scenes[0], scenes[0], scenes[1], scenes[0]):
         assert 0 < check_query(tracer, triangles, query) < 1
-        addresses.append(tracer._corners[2])
-    assert addresses[0] is addresses[1] and addresses[1] is not addresses[2] and addresses[3] is not addresses[0]
+        done.append(query)
+    assert sent == [0, 2, 3]
+
+
+def test_triangles_that_a_tree_was_built_from_are_those_of_the_receivers(device, monkeypatch):
+    camera, tracer = at.Camera((0, 2, 9), (0, -0.5, 0), width=9, height=7), DeviceTracer(device)
+    triangles, query = query_of(soup_scene(7), camera, LIGHTS["quad"], 4)
+    expected, bits = new_bits(query), new_bits(query)
+    tracer.trace_shadow(tracer.tree(lbvh.build(triangles.vertices)), query, expected, 2)
+    tree = tracer.build(triangles.vertices)
+    monkeypatch.setattr(DeviceLaunches, "sent_triangles", None)
+    tracer.trace_shadow(tree, query, bits, 2)
+    np.testing.assert_array_equal(bits, expected)
+    assert bits.any()
+
+
+def test_triangles_of_a_view_with_gaps_are_sent_each_time(device):
+    launches, corners = DeviceTracer(device).launches, np.arange(180, dtype=np.float32).reshape(20, 9)
+    for part in corners[:10], corners[::2], corners[:10], corners[10:], corners[::2]:
+        assert launches.kept_triangles(part)
+        found = launches.block("triangles of the scene", 0, "").read(np.empty((10, 9), np.float32))
+        np.testing.assert_array_equal(found, part)
 
 
 # --- Lists that are too short -----------------------------------------------------------------------------------------

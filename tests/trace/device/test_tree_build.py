@@ -11,7 +11,7 @@ from antumbra.bvh.tree_quality import sah_cost
 from antumbra.devices.device import OutOfDeviceMemory
 from antumbra.trace.device.device_tracer import DeviceTracer
 from antumbra.trace.device.device_tree import reach_of_root
-from antumbra.trace.device.tree_build import BuiltTree, source_of
+from antumbra.trace.device.tree_build import BuiltTree, LbvhTree, source_of
 from bvh_scenes import HAZARDS, terrain
 from devices import DEVICES, opened
 
@@ -41,7 +41,7 @@ def test_a_device_builds_the_tree_of_the_cpu(tracer, name):
 @pytest.mark.parametrize("max_leaf", [1, 4, 8])
 def test_trees_of_any_size_and_leaf_are_those_of_the_cpu(tracer, n, max_leaf):
     vertices = terrain(2 * n, seed=n)[:n].copy()
-    tree = BuiltTree(source_of(vertices, None, tracer.launches), tracer.launches, max_leaf)
+    tree = LbvhTree(source_of(vertices, None, tracer.launches), tracer.launches, max_leaf)
     assert_equal_trees(tree.bvh, lbvh.build(vertices, 1, max_leaf))
 
 
@@ -61,7 +61,7 @@ def test_a_tree_of_some_faces_names_them(tracer, count):
 def test_vertices_on_the_device_are_built_from_there(tracer):
     vertices = terrain(500)
     with tracer.device.upload(vertices) as memory:
-        tree = BuiltTree(source_of(memory, None, tracer.launches), tracer.launches)
+        tree = LbvhTree(source_of(memory, None, tracer.launches), tracer.launches)
         assert_equal_trees(tree.bvh, lbvh.build(vertices, 1))
         moved = (vertices * np.float32(1.5)).astype(np.float32)
         memory.write(moved)
@@ -97,7 +97,7 @@ def test_the_cost_of_a_tree_is_that_of_the_cpu_to_the_bit(tracer, name):
 @pytest.mark.parametrize("n", [63, 64, 65, 4095, 4096, 4097, 9000])
 def test_areas_are_added_in_the_order_of_the_cpu(tracer, n):
     vertices = terrain(4 * n, seed=n)[: n + 1].copy()
-    tree = BuiltTree(source_of(vertices, None, tracer.launches), tracer.launches, 1)
+    tree = LbvhTree(source_of(vertices, None, tracer.launches), tracer.launches, 1)
     assert len(tree.bvh.nodes) == n
     assert tree.cost() == sah_cost(tree.bvh) == sah_cost(tree.bvh, threads=2)
 

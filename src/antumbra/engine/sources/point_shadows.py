@@ -76,7 +76,7 @@ class TreeShadows:
 def queries_in(source: RenderSource, triangles: Triangles, points: PointQuery, threads: int) -> list[ShadowQuery]:
     """The shadow query of each light, for the triangles of a moment."""
     frame = SceneFrame(triangles.origin, box_of(source, triangles))
-    return queries_of(points, frame, triangles.vertices.reshape(-1, 9), threads)
+    return queries_of(points, frame, threads)
 
 
 class SceneFrame(NamedTuple):
@@ -86,13 +86,16 @@ class SceneFrame(NamedTuple):
     box: NDArray[np.float32]  # (2, 3): bounds of the scene, in the recentred frame
 
 
-def queries_of(points: PointQuery, frame: SceneFrame, corners: NDArray[np.float32], threads: int) -> list[ShadowQuery]:
-    """The shadow query of each light; `corners`: (n, 9), those of the triangles."""
+_NO_CORNERS = np.empty((0, 9), np.float32)  # points have no triangles of their own
+
+
+def queries_of(points: PointQuery, frame: SceneFrame, threads: int) -> list[ShadowQuery]:
+    """The shadow query of each light."""
     origins, sides, normals = points.receivers
     reach = reach_of(frame.box, origins, threads) if origins.size else 1.0
     no_faces = np.full(sides.shape, -1, np.int32)
     placed = [place(light, frame.origin, frame.box, reach) for light in points.lights]
     return [
-        ShadowQuery(origins, no_faces, sides, normals, corners, light, sets, points.facing, no_faces)
+        ShadowQuery(origins, no_faces, sides, normals, _NO_CORNERS, light, sets, points.facing, no_faces)
         for light, sets in zip(placed, points.samples)
     ]

@@ -49,7 +49,6 @@ _RAYS_PER_TRIANGLE = 4  # rays that take as much longer here than in a tree as t
 _LISTED = 1 << 16  # rays of a list that are traced between looks at the clock
 _TRIED = 1 << 12  # rays of a list over a store that are traced first
 _SLOW = 2.5e-6  # seconds of a ray below the surface, where a store's trees take half as long
-_NO_CORNERS = np.empty((0, 9), np.float32)
 
 
 class TerrainPyramid:
@@ -154,7 +153,7 @@ class TerrainPyramid:
         """The shadow query of each light, with its answer; None if the surface does not fit into memory."""
         traced, in_rows = list[TracedQuery](), self.has_stencils(points, any)
         window = self._window_of(points.receivers) if in_rows else None
-        for query in queries_of(points, self._frame, _NO_CORNERS, threads):
+        for query in queries_of(points, self._frame, threads):
             few = with_distinct_samples(query)
             bits, offsets = new_bits(few), _offsets_of(few)
             surface = self._surface_towards(few, offsets, window, in_rows)

@@ -21,8 +21,8 @@ Threads
     `block_index` and `index_in_block` are its parts, and `block_size` is the number of threads in a block.
 Memory
     `load4_aligned` loads 16 bytes at once. `i32_at` and its like in `simd` make pointers from addresses; so do `i64_at`
-    and `u8_at`. `atomic_add` takes int32 and int64 pointers. `local_i32` and `local_f32` are memory shared by the
-    threads of a block. Its contents are unspecified when a block starts.
+    and `u8_at`. `atomic_add` and `atomic_min` take int32 and int64 pointers. `local_i32` and `local_f32` are memory
+    shared by the threads of a block. Its contents are unspecified when a block starts.
 Lanes
     A *subgroup* is what runs in step: a warp of 32 threads in PTX, and in OpenCL the driver's number of work items.
     `lane_count` and `lane_index` describe it. `shuffle` reads a value of another lane, `ballot` gives a bit per lane.
@@ -45,8 +45,8 @@ if typing.TYPE_CHECKING:
 
 
 _NAMES = """
-    atomic_add ballot barrier block_index block_size fma i64_at index_in_block lane_count lane_index load4_aligned
-    local_f32 local_i32 shuffle thread_index u8_at
+    atomic_add atomic_min ballot barrier block_index block_size fma i64_at index_in_block lane_count lane_index
+    load4_aligned local_f32 local_i32 shuffle thread_index u8_at
 """
 """Names defined by `operations`, which imports Numba."""
 
@@ -54,6 +54,7 @@ globals().update({name: Intrinsic(f"{__name__}.operations", name) for name in _N
 
 __all__ = [
     "atomic_add",
+    "atomic_min",
     "ballot",
     "barrier",
     "block_index",

@@ -149,13 +149,24 @@ def load4_aligned(typingctx, a, i):
 @intrinsic
 def atomic_add(typingctx, a, i, x):
     """Add x to element i of int32 or int64, atomically; the old value, of that type. It orders no other accesses."""
-    _check("atomic_add", a, i, writes=True)
+    return _atomic("add", a, i, x)
+
+
+@intrinsic
+def atomic_min(typingctx, a, i, x):
+    """Lower element i to x if that is less, otherwise as `atomic_add`. The order of threads does not matter."""
+    return _atomic("min", a, i, x)
+
+
+def _atomic(operation: str, a: Any, i: Any, x: Any) -> Any:
+    name = f"atomic_{operation}"
+    _check(name, a, i, writes=True)
     if a.dtype not in (types.int32, types.int64) or not isinstance(x, types.Integer):
-        reject("atomic_add", a, i, x, cure="needs a pointer to int32 or int64, an index and an integer")
+        reject(name, a, i, x, cure="needs a pointer to int32 or int64, an index and an integer")
 
     def codegen(context, builder, sig, values):
-        amount = context.cast(builder, values[2], x, a.dtype)
-        return builder.atomic_rmw("add", _address(context, builder, sig, values), amount, "monotonic")
+        operand = context.cast(builder, values[2], x, a.dtype)
+        return builder.atomic_rmw(operation, _address(context, builder, sig, values), operand, "monotonic")
 
     return a.dtype(a, i, x), codegen
 

@@ -73,10 +73,11 @@ def grid_over(lower: NDArray[np.float64], upper: NDArray[np.float64], n: int) ->
     bounds = np.zeros((2, 4), np.float32)
     bounds[0, :3] = np.nextafter(np.asarray(lower, np.float32), np.float32(-np.inf))
     bounds[1, :3] = np.nextafter(np.asarray(upper, np.float32), np.float32(np.inf))
-    return _divided(bounds, n)
+    return divided(bounds, n)
 
 
-def _divided(bounds: NDArray[np.float32], n: int) -> CellGrid:
+def divided(bounds: NDArray[np.float32], n: int) -> CellGrid:
+    """The `CellGrid` of n x n x n cells with these bounds."""
     extent = bounds[1].astype(np.float64) - bounds[0]
     scale = np.divide(n, extent, out=np.zeros(4), where=extent > n * np.finfo(np.float32).tiny)
     return CellGrid(bounds, scale.astype(np.float32), n)
@@ -211,7 +212,7 @@ def bounds_of(tiles: ReceiverTiles) -> tuple[NDArray[np.float64], NDArray[np.flo
 
 def sources_of(tiles: ReceiverTiles, grid: CellGrid, threads: int) -> NDArray[np.float64]:
     """(m, 2, 3) float64: the box around the receivers of each cell, in a grid of at most FINEST cells per axis."""
-    grid = _divided(grid.bounds, min(grid.n, FINEST))
+    grid = divided(grid.bounds, min(grid.n, FINEST))
     parts = min(threads, _PARTS)
     cells = np.empty((parts, grid.n**3, 8), np.float32)
     run(_bound_cells, threads, new_ticket(parts, 1), tiles, grid, cells)

@@ -1,13 +1,13 @@
 """Pre-BVH culling on a device: marked cells, the triangles that overlap one, and the tree of those alone.
 
-The CPU bounds receivers and light samples by boxes (`pre_bvh_culling.bound_segments`). Everything else happens on the
-device: a thread marks the cells of a layer between two boxes as the CPU does, and prefix sums along each axis make the
+The device bounds the receivers of each cell (`device_sources`), and the CPU the samples of each light, which are few. A
+thread marks the cells of a layer between two boxes as the CPU does, and prefix sums along each axis make the
 summed-volume table. The triangles are tested by the CPU's function, and prefix sums of the answers place the indices of
-those that remain [Selgrad et al. 2015, Sec. 3.2 and 3.3]. Importing this module adds its kernels to those of devices,
-and their answers to the self-test of cards.
+those that remain [Selgrad et al. 2015, Sec. 3.2 and 3.3]. Receivers are uploaded once, and neither they nor cells nor
+triangles come back. Importing this module adds its kernels to those of devices, and their answers to the self-test.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -19,26 +19,47 @@ from ...kernels.device import thread_index
 from ...kernels.jit import inlined, kernel
 from ...kernels.simd import extract, f32_at, f64_at, get, i32_at, maximum, minimum, put
 from ...kernels.toolchain.device_code import DeviceKernel
+from ...query.light_samples import light_samples
+from ...query.query_bounds import bounds
+from ...query.receivers import FREE, NOTHING
+from ...query.shadow_query import ShadowQuery
+from ...scene.lights import DirectionalLight, Light, QuadLight
+from ...scene.triangles import Triangles
 from ...trace.device.build_kernels import Source, face_of
 from ...trace.device.device_kernels import KERNELS
 from ...trace.device.device_launches import DeviceLaunches
-from ...trace.device.device_tracer import DeviceTracer
+from ...trace.device.device_receivers import DeviceReceivers
+from ...trace.device.device_tracer import BUILDERS, DeviceTracer
 from ...trace.device.device_tree import DeviceTree
 from ...trace.device.self_test import COMPARISONS, Comparison
-from ...trace.device.tree_build import BuiltTree, keep_tagged, source_of
+from ...trace.device.tree_build import keep_tagged, source_of
 from .culling_grid import (
+    CellGrid,
     GridPointers,
     HullPointers,
     Targets,
+    cell_size,
     cells_between,
     grid_over,
-    mark_between,
     other_axes,
     pad_of,
+    sources_of,
+    targets_of,
+    tiles_of,
     walls_of,
     while_within,
 )
-from .pre_bvh_culling import BoundedSegments, MarkedCells, Table, find_relevant, marked_cells_of, overlaps_marked
+from .device_sources import SOURCE_KERNELS, ReceiverBuffer, SourceBoxes, bound_sources, box_of_receivers
+from .pre_bvh_culling import (
+    CullRequest,
+    MarkedCells,
+    Table,
+    box_of_segments,
+    mark_segments,
+    overlaps_marked,
+    select_relevant,
+    with_shared_receivers,
+)
 
 # --- Kernels ----------------------------------------------------------------------------------------------------------
 
@@ -190,14 +211,25 @@ CULL_KERNELS = {
 """Name -> kernel."""
 
 KERNELS.update(CULL_KERNELS)
+KERNELS.update(SOURCE_KERNELS)
 
 
 # --- Launches ---------------------------------------------------------------------------------------------------------
 
 
-def mark_cells(segments: BoundedSegments, launches: DeviceLaunches) -> CellBuffers:
-    """Mark the cells that segments may enter; until the next call, on the same device."""
-    grid, launch = segments.grid, launches.launch
+class Segments(NamedTuple):
+    """Segments from sources to targets, on a device."""
+
+    sources: SourceBoxes
+    targets: Sequence[Targets]
+
+
+def mark_cells(grid: CellGrid, groups: Iterable[Segments], launches: DeviceLaunches) -> CellBuffers:
+    """Mark the cells that segments may enter; until the next call, on the same device.
+
+    groups : those of one need only stay on the device until the next one is taken
+    """
+    launch = launches.launch
 
     def sent(name: str, array: NDArray[np.generic]) -> int:
         return launches.sent(f"{name} of cells", np.ascontiguousarray(array), "the marked cells")
@@ -207,18 +239,52 @@ def mark_cells(segments: BoundedSegments, launches: DeviceLaunches) -> CellBuffe
     sums = launches.block("sums of marks", 4 * side**3, "the marked cells")
     cells.fill()
     marked = CellBuffers(cells.address, sums.address, sent("bounds", grid.bounds), sent("scale", grid.scale), n)
-    for sources, targets in segments.pairs:
-        per_source = len(targets.boxes)
-        count = len(sources) * per_source
-        pairs = PairBuffers(sent("sources", sources), sent("targets", targets.boxes), per_source, int(targets.relative))
-        block = launches.block("hulls", 100 * count, "the hulls of receivers and lights").address
-        hulls = HullBuffers(*(block + 24 * count * k for k in range(5)))
-        launch("make_hulls", (pairs, hulls, count, marked), count)
-        launch("mark_layers", (hulls, count, marked, float(pad_of(grid))), count * n)
+    for sources, all_targets in groups:
+        for targets in all_targets:
+            per_source = len(targets.boxes)
+            count = sources.n * per_source
+            pairs = PairBuffers(sources.address, sent("targets", targets.boxes), per_source, int(targets.relative))
+            block = launches.block("hulls", 100 * count, "the hulls of receivers and lights").address
+            hulls = HullBuffers(*(block + 24 * count * k for k in range(5)))
+            launch("make_hulls", (pairs, hulls, count, marked), count)
+            launch("mark_layers", (hulls, count, marked, float(pad_of(grid))), count * n)
     launch("spread_marks", (marked,), side**3)
     for axis in range(3):
         launch("sum_lines", (marked, axis), side**2)
     return marked
+
+
+def mark_queries(
+    groups: Sequence[tuple[DeviceReceivers, Sequence[ShadowQuery]]],
+    triangles: NDArray[np.float32],
+    n: int,
+    launches: DeviceLaunches,
+) -> CellBuffers | None:
+    """`mark_segments` by the method HULLS, on the device. None: no segment can meet a triangle.
+
+    The host sees one box per group, from which it makes the grid and the targets, and the number of sources.
+
+    groups : receivers, and the queries that share them
+    triangles : (2, 3) float32, the box of all triangles
+    n : cells of the grid per axis
+    """
+    there, boxes = [], []
+    for receivers, queries in groups:
+        buffer = ReceiverBuffer(receivers.memory.address, receivers.n)
+        box = box_of_receivers(buffer, launches)
+        if box is not None:
+            there.append((buffer, queries))
+            boxes.append((box, queries))
+    box_of_all = box_of_segments(boxes, triangles)
+    if box_of_all is None:
+        return None
+    grid = grid_over(*box_of_all, n)
+    size = cell_size(grid)
+    segments = (
+        Segments(bound_sources(buffer, grid, launches), [targets_of(query, size) for query in queries])
+        for buffer, queries in there
+    )
+    return mark_cells(grid, segments, launches)
 
 
 def read_cells(marked: CellBuffers, launches: DeviceLaunches) -> MarkedCells:
@@ -229,6 +295,11 @@ def read_cells(marked: CellBuffers, launches: DeviceLaunches) -> MarkedCells:
         for name, shape in zip(("marks", "sums of marks"), sides)
     )
     return MarkedCells(cells.astype(np.uint8), sums)
+
+
+def read_sources(sources: SourceBoxes, launches: DeviceLaunches) -> NDArray[np.float64]:
+    """(m, 2, 3) float64: the latest boxes from `bound_sources`, on the host."""
+    return launches.block("sources", 0, "").read(np.empty((sources.n, 2, 3)))
 
 
 def keep_relevant(source: Source, marked: CellBuffers, launches: DeviceLaunches) -> Source:
@@ -248,37 +319,71 @@ def build_relevant(
     tracer: DeviceTracer,
     vertices: NDArray[np.float32] | DeviceMemory,
     faces: NDArray[np.int32] | None,
-    segments: BoundedSegments,
+    request: CullRequest,
+    triangles: NDArray[np.float32],
+    builder: str = "lbvh",
 ) -> DeviceTree:
-    """The tree of the triangles that overlap a cell that segments may enter, as from `DeviceTracer.build` of them."""
+    """The tree of the triangles that segments can meet, as from `DeviceTracer.build` of those that `cull` keeps.
+
+    triangles : (2, 3) float32, the box of all triangles
+    builder : as for `DeviceTracer.build`
+
+    The receivers stay with the tree, so that tracing does not upload them again.
+    """
+    launches = tracer.launches
     with tracer.lock:
-        launches = tracer.launches
-        kept = keep_relevant(source_of(vertices, faces, launches), mark_cells(segments, launches), launches)
-        if kept.n < 2:
-            return tracer.build(vertices, kept_faces(kept, launches))
-        return BuiltTree(kept, launches)
+        groups = [
+            (tracer.receivers(queries[0], request.threads), queries)
+            for queries in with_shared_receivers(request.queries)
+        ]
+        marked = mark_queries(groups, triangles, request.n, launches)
+        kept = None if marked is None else keep_relevant(source_of(vertices, faces, launches), marked, launches)
+        request.lap("cull")
+        if kept is None or kept.n < 2:
+            tree = tracer.build(vertices, np.empty(0, np.int32) if kept is None else kept_faces(kept, launches))
+        else:
+            tree = BUILDERS[builder](kept, launches)
+        tree.receivers = tuple(receivers for receivers, _ in groups)
+        return tree
 
 
 # --- Self-test --------------------------------------------------------------------------------------------------------
 
 
+def _random_query(rng: np.random.Generator, light: Light, shape: tuple[int, int]) -> ShadowQuery:
+    """Receivers at whole and at random places, some of them missing, and a light."""
+    origins = np.where(rng.random((*shape, 1)) < 0.5, rng.integers(-8, 9, (*shape, 3)), rng.uniform(-8, 8, (*shape, 3)))
+    sides = rng.choice(np.array([NOTHING, FREE], np.int8), shape)
+    none, patch = np.full(shape, -1, np.int32), light.patch(np.zeros(3), 100.0)
+    return ShadowQuery(
+        origins.astype(np.float32), none, sides, np.empty((0, 0, 3)), np.empty((0, 9), np.float32), patch,
+        light_samples(light, 4), 0, none,
+    )  # fmt: skip
+
+
 def compared_tags(device: Device) -> Iterator[Comparison]:
-    """(cells that a device marks and triangles that it keeps, those of the CPU), at whole and at random places."""
-    rng, launches = np.random.default_rng(3), DeviceLaunches(device)
+    """(sources, cells and triangles that a device finds, those of the CPU), at whole and at random places."""
+    rng, tracer = np.random.default_rng(3), DeviceTracer(device)
+    launches = tracer.launches
     whole, loose = rng.integers(-9, 10, (500, 3, 3)), rng.normal(0, 6, (1500, 1, 3)) + rng.normal(0, 1, (1500, 3, 3))
     vertices = np.concatenate([whole, loose]).astype(np.float32)
-    boxes = np.sort(rng.integers(-8, 9, (40, 2, 3)), 1).astype(np.float64)
-    boxes[20:, 1] = boxes[20:, 0] + rng.random((20, 3))
-    grid, cells = grid_over(np.full(3, -8.0), np.array([8.0, 8.0, 0.0]), 16), np.zeros((16, 16, 16), np.uint8)
-    pairs = [(boxes[24:28], Targets(boxes[38:], False)), (boxes[30:32], Targets(boxes[:1] / 8.0, True))]
-    for sources, targets in pairs:
-        mark_between(sources, targets, grid, cells, 1)
-    expected = marked_cells_of(cells, 1)
-    marked = mark_cells(BoundedSegments(grid, pairs), launches)
-    yield from zip(read_cells(marked, launches), expected)
+    lights = QuadLight((-3, 9, 5), (6, 1, 0), (0, 2, -10)), DirectionalLight((1.0, 2.0, 0.5), 5.0)
+    shapes = (20, 30), (1, 9)
+    queries = [_random_query(rng, light, shape) for light, shape in zip(lights, shapes)]
+    ids, colour = np.arange(len(vertices), dtype=np.int32), np.ones((len(vertices), 3), np.float32)
+    triangles = Triangles(vertices, np.zeros(3), ids, colour)
+    marking = mark_segments(triangles, queries, 1, n=16)
+    assert marking is not None
+    receivers = [tracer.receivers(query, 1) for query in queries]
+    for query, each in zip(queries, receivers):
+        sources = bound_sources(ReceiverBuffer(each.memory.address, each.n), marking.grid, launches)
+        yield read_sources(sources, launches), sources_of(tiles_of(query, 1), marking.grid, 1)
+    box = np.stack(bounds(vertices, 1))
+    marked = mark_queries([(each, [query]) for each, query in zip(receivers, queries)], box, 16, launches)
+    assert marked is not None
+    yield from zip(read_cells(marked, launches), marking.cells)
     found = kept_faces(keep_relevant(source_of(vertices, None, launches), marked, launches), launches)
-    relevant = find_relevant(vertices.reshape(-1, 9), grid, expected, 1)
-    yield found, relevant.ids[: int(relevant.counts[0])]
+    yield found, select_relevant(triangles, marking, 1).kept
 
 
 COMPARISONS.append(compared_tags)

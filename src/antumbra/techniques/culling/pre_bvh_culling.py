@@ -12,7 +12,7 @@ The module also selects the input of builders and of tracers without a tree: the
 cut-outs, clear faces and triangles of zero area.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -31,10 +31,8 @@ from .culling_grid import (
     CellGrid,
     GridPointers,
     ReceiverTiles,
-    Targets,
     bounds_of,
     cell_number,
-    cell_size,
     cells_at,
     grid_over,
     mark_hulls,
@@ -199,17 +197,23 @@ Box: TypeAlias = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 def segment_box(groups: Sequence[QueryGroup], corners: NDArray[np.float32], threads: int) -> Box | None:
     """The intersection of the box of all segments and the box of all triangles; None if it is empty."""
+    boxes = [(np.array(bounds_of(tiles)), queries) for tiles, queries in groups]
+    return box_of_segments(boxes, np.array(bounds(corners.reshape(-1, 3), threads)))
+
+
+def box_of_segments(
+    groups: Iterable[tuple[NDArray[np.float64], Sequence[ShadowQuery]]], triangles: NDArray[np.float32]
+) -> Box | None:
+    """`segment_box` of groups of receivers' boxes and queries; `triangles`: box of all triangles; (2, 3) each."""
     everywhere = np.full(3, np.inf)
     low, high = everywhere, -everywhere
-    for tiles, queries in groups:
-        receivers = np.array(bounds_of(tiles))
+    for receivers, queries in groups:
         for query in queries:
             targets = targets_of(query, everywhere)
             ends = targets.boxes[0] + (receivers if targets.relative else 0.0)
             low = np.minimum(low, np.minimum(receivers[0], ends[0]))
             high = np.maximum(high, np.maximum(receivers[1], ends[1]))
-    lower, upper = bounds(corners.reshape(-1, 3), threads)
-    low, high = np.maximum(low, lower), np.minimum(high, upper)
+    low, high = np.maximum(low, triangles[0]), np.minimum(high, triangles[1])
     return (low, high) if (low <= high).all() else None
 
 
@@ -239,26 +243,13 @@ class CullResult(NamedTuple):
     targets: int  # number of target boxes or cells
 
 
-class BoundedSegments(NamedTuple):
-    """Where the segments of a set of queries are: those of a pair go from its sources to its targets."""
+class CullRequest(NamedTuple):
+    """What a tracer needs to do what `cull` does by the method HULLS."""
 
-    grid: CellGrid
-    pairs: list[tuple[NDArray[np.float64], Targets]]  # boxes of receivers, as from `sources_of`, and of light samples
-
-
-def bound_segments(
-    triangles: Triangles, queries: Sequence[ShadowQuery], threads: int | None = None, *, n: int = 32
-) -> BoundedSegments | None:
-    """What `mark_segments` marks by the method HULLS; None: no segment can meet a triangle."""
-    threads = thread_count(threads)
-    groups = _groups(queries, threads)
-    grid, pairs = _grid_of(groups, triangles, threads, n, segment_box), []
-    if grid is None:
-        return None
-    for tiles, group_queries in groups:
-        sources = sources_of(tiles, grid, threads)
-        pairs += [(sources, targets_of(query, cell_size(grid))) for query in group_queries]
-    return BoundedSegments(grid, pairs)
+    queries: Sequence[ShadowQuery]
+    n: int  # cells of the grid per axis
+    threads: int
+    lap: Callable[[str], None]  # called with "cull" afterwards
 
 
 class Marking(NamedTuple):
@@ -373,13 +364,16 @@ def _groups(queries: Sequence[ShadowQuery], threads: int) -> list[QueryGroup]:
 
     The receivers of a group are divided into tiles only once.
     """
-    groups: dict[tuple[int, int], QueryGroup] = {}
+    groups = [(tiles_of(group[0], threads), group) for group in with_shared_receivers(queries)]
+    return [group for group in groups if bounds_of(group[0]) is not None]
+
+
+def with_shared_receivers(queries: Sequence[ShadowQuery]) -> list[list[ShadowQuery]]:
+    """The queries, in groups that share their receivers."""
+    groups: dict[tuple[int, int], list[ShadowQuery]] = {}
     for query in queries:
-        key = id(query.origins), id(query.sides)
-        if key not in groups:
-            groups[key] = tiles_of(query, threads), []
-        groups[key][1].append(query)
-    return [group for group in groups.values() if bounds_of(group[0]) is not None]
+        groups.setdefault((id(query.origins), id(query.sides)), []).append(query)
+    return list(groups.values())
 
 
 # --- Solid triangles: the triangles of a plan's tree ------------------------------------------------------------------

@@ -2,6 +2,8 @@
 
 - `device_rays`: rays and shadow segments as kernels read them, one by index
 - `device_tree`: the tree on a device, and its refit
+- `tree_build`, `ploc_build`: trees that a device builds, and `build_kernels`, `ploc_kernels`
+- `device_receivers`: receivers that are uploaded once
 - `device_traversal`: the walk of one ray, which decides in float32 and lists what it cannot decide
 - `device_kernels`: the kernels, and the list of them that tests and builds read
 - `settling`: the exact decisions on the CPU

@@ -266,7 +266,7 @@ class Spines(NamedTuple):
 
 
 @inlined
-def _height(codes, i, k, n):
+def height(codes, i, k, n):
     """The bit at which slots `i` and `k` separate, positions being the lower bits; 64 if slot `k` is none."""
     if k < 0 or k >= n:
         return np.int64(64)
@@ -275,15 +275,15 @@ def _height(codes, i, k, n):
 
 
 @inlined
-def _other_end(codes, i, step, n):
+def other_end(codes, i, step, n):
     """The last slot of node i's range from slot i on, by steps of 1 or -1."""
-    outside = _height(codes, i, i - step, n)
+    outside = height(codes, i, i - step, n)
     reach = np.int64(2)
-    while _height(codes, i, i + reach * step, n) < outside:
+    while height(codes, i, i + reach * step, n) < outside:
         reach *= 2
     length, reach = np.int64(0), reach >> 1
     while reach > 0:
-        if _height(codes, i, i + (length + reach) * step, n) < outside:
+        if height(codes, i, i + (length + reach) * step, n) < outside:
             length += reach
         reach >>= 1
     return i + length * step
@@ -300,8 +300,8 @@ def split_nodes(codes, spines):  # codes: address of int32, spines: Spines
         return
     end = np.int64(0)
     if i < n - 1:
-        step = np.int64(1 if _height(keys, i, i + 1, n) < _height(keys, i, i - 1, n) else -1)
-        other = _other_end(keys, i, step, n)
+        step = np.int64(1 if height(keys, i, i + 1, n) < height(keys, i, i - 1, n) else -1)
+        other = other_end(keys, i, step, n)
         put(i32_at(spines.splits), i, split_position(keys, min(i, other), max(i, other) + 1, 0))
         end = other + 1 if step > 0 else end
     put(i32_at(spines.ends), i, end)

@@ -41,6 +41,7 @@ from ...scene.scene_bounds import NEAREST
 from .build_kernels import BUILD_KERNELS
 from .device_rays import AGAIN, BLOCKED, TRACED, DevicePatch, RayBuffers, SampleBuffers, ray_at
 from .device_traversal import PRIM, REST, TRIANGLE, WON, TreeBuffers, Work, counts_with, list_pair, walk
+from .ploc_kernels import PLOC_KERNELS
 
 RECORD = 14
 _APART = np.float64(1.0 + 2.0**-27)  # more than the errors of two accurate t
@@ -401,10 +402,12 @@ def _bounds_of_child(tree, link, axis):
 
 @kernel
 def refit_nodes(tree, order, first, n):  # tree: TreeBuffers, order: address of int32
-    """Compute the boxes of n nodes of a list (int32) from the `first` on, from those of their children."""
+    """Compute the boxes of n nodes of a list (int32) from the `first` on, from those of their children; none of -1."""
     k = thread_index()
     if k < n:
         node = np.int64(get(i32_at(order), first + k))
+        if node < 0:
+            return
         for side in range(2):
             link = np.int64(get(i32_at(tree.nodes), link_at(node, side)))
             for axis in range(3):
@@ -442,5 +445,6 @@ KERNELS = {
     "gather_points": DeviceKernel(gather_points, (0, 0, 0, 0)),
     "refit_nodes": DeviceKernel(refit_nodes, (TREE, 0, 0, 0)),
     **BUILD_KERNELS,
+    **PLOC_KERNELS,
 }
 """Name -> kernel. `techniques.culling.device_culling` adds to it."""

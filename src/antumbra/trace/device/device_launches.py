@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...devices.device import Device, DeviceMemory, Module
-from ...kernels.marshalling import flatten, struct_of
+from ...kernels.marshalling import address_of, flatten, struct_of
 from ...kernels.toolchain.device_code import Form
 from .device_kernels import KERNELS
 
@@ -22,6 +22,7 @@ class DeviceLaunches:
         self.device = device
         self._modules: dict[str, Module] = {}
         self._blocks: dict[str, DeviceMemory] = {}
+        self._triangles: tuple[object, object] | None = None  # whose memory on the host the latest ones are, and where
 
     def launch(self, name: str, arguments: Sequence[Any], threads: int) -> None:
         """Run a kernel of `KERNELS` in at least `threads` threads, in the order of the launches."""
@@ -43,8 +44,28 @@ class DeviceLaunches:
             kept = self._blocks[name] = self.device.allocate(size, what)
         return kept
 
+    def sent_triangles(self, vertices: NDArray[np.float32]) -> int:
+        """The address of a copy of triangles, (n, 3, 3) or (n, 9) float32; kept until the next call."""
+        self._triangles = None
+        address = self.sent("triangles of the scene", np.ascontiguousarray(vertices), "the triangles of the scene")
+        self._triangles = _place_of(vertices)
+        return address
+
+    def kept_triangles(self, vertices: NDArray[np.float32]) -> int:
+        """As `sent_triangles`; the latest ones are not copied again, since nobody may have written to them."""
+        kept, ours = self._triangles, _place_of(vertices)
+        if kept is None or ours is None or kept[0] is not ours[0] or kept[1] != ours[1]:
+            return self.sent_triangles(vertices)
+        return self.block("triangles of the scene", 0, "").address
+
     def sent(self, name: str, array: NDArray[Any], what: str) -> int:
         """The address of a kept block that holds the bytes of an array."""
         block = self.block(name, max(array.nbytes, 16), what)
         block.write(array)
         return block.address
+
+
+def _place_of(array: NDArray[Any]) -> tuple[object, object] | None:
+    """(the owner of an array's memory, to be held so that it is not reused; the place in it); None: it has gaps."""
+    owner = array if array.base is None else array.base
+    return (owner, (address_of(array), array.nbytes)) if array.flags.c_contiguous else None

@@ -5,6 +5,7 @@ again, fewer at a time; if that hardly gets on, the CPU traces them.
 """
 
 import threading
+from collections.abc import Callable
 from math import prod
 from typing import Any, NamedTuple
 
@@ -17,19 +18,23 @@ from ...bvh.nodes import Bvh
 from ...bvh.triangle_bounds import trivial_bvh
 from ...devices.arrays import DeviceArray
 from ...devices.device import Device, DeviceMemory
-from ...kernels.marshalling import address_of
-from ...kernels.parallel import new_ticket, run
 from ...query.ray_list import HitArrays, RayArguments, RayArrays, hit_arrays
 from ...query.shadow_query import ShadowQuery
 from ...scene.lights import AMBIENT
 from . import settling
+from .build_kernels import Source
 from .device_kernels import RECORD, HitBuffers
 from .device_launches import DeviceLaunches
-from .device_rays import AGAIN, BLOCKED, CLEAR, TRACED, DevicePatch, RayBuffers, SampleBuffers, pack_receivers
+from .device_rays import AGAIN, BLOCKED, CLEAR, TRACED, DevicePatch, RayBuffers, SampleBuffers
+from .device_receivers import DeviceReceivers, ReceiverUploads
 from .device_traversal import PAIRS, REST, WON, Work
 from .device_tree import DeviceTree, UploadedTree
+from .ploc_build import PlocTree
 from .resident_rays import ResidentRays
-from .tree_build import BuiltTree, source_of
+from .tree_build import BuiltTree, LbvhTree, source_of
+
+BUILDERS: dict[str, Callable[[Source, DeviceLaunches], BuiltTree]] = {"lbvh": LbvhTree, "ploc": PlocTree}
+"""Name of a builder -> the tree that it builds on a device."""
 
 CHUNK = 1 << 24
 """Largest number of rays traced together."""
@@ -88,8 +93,7 @@ class DeviceTracer:
         self.device, self._capacities = device, capacities
         self.launches = DeviceLaunches(device)
         self.undecided = self.on_cpu = 0
-        self._receivers: NDArray[np.float32] | None = None  # on the host, where copies to the device are fast
-        self._corners: tuple[object, object, DeviceMemory] | None = None  # owner and place on the host, and the copy
+        self._uploads = ReceiverUploads(device)
         self.lock = threading.RLock()
         renew_after_fork(self)
 
@@ -107,11 +111,17 @@ class DeviceTracer:
         with self.lock:
             return UploadedTree(bvh, self.launches)
 
-    def build(self, vertices: NDArray[np.float32] | DeviceMemory, faces: NDArray[np.int32] | None = None) -> DeviceTree:
-        """The tree of `bvh.lbvh`, built on the device.
+    def build(
+        self,
+        vertices: NDArray[np.float32] | DeviceMemory,
+        faces: NDArray[np.int32] | None = None,
+        builder: str = "lbvh",
+    ) -> DeviceTree:
+        """The tree of a builder on the CPU, built on the device.
 
         vertices : as for `source_of`
         faces : (k,) int32, ascending: those in the tree; None: all
+        builder : a name from BUILDERS
 
         Raises
         ------
@@ -125,7 +135,7 @@ class DeviceTracer:
                     vertices = vertices.read(np.empty((vertices.size // 36, 3, 3), np.float32))
                 bvh = trivial_bvh((vertices if faces is None else vertices[faces]).reshape(-1, 9))
                 return UploadedTree(bvh if faces is None else bvh._replace(prim_ids=faces), self.launches)
-            return BuiltTree(source, self.launches)
+            return BUILDERS[builder](source, self.launches)
 
     def refit(self, tree: DeviceTree, vertices: NDArray[np.float32] | DeviceMemory, limit: float) -> DeviceTree | None:
         """A tree from `build` with moved triangles, which leaves that one unchanged; None: build another one.
@@ -138,6 +148,11 @@ class DeviceTracer:
             moved = tree.refitted(vertices)
             assert moved.built_cost is not None
             return moved if moved.cost() <= limit * moved.built_cost else None
+
+    def receivers(self, query: ShadowQuery, threads: int) -> DeviceReceivers:
+        """The receivers of a query, uploaded to memory of their own: see `DeviceTree.receivers`."""
+        with self.lock:
+            return self._uploads.new(query, threads)
 
     def move(self, tree: UploadedTree, bvh: Bvh, vertices: NDArray[np.float32]) -> None:
         """Move the triangles of a tree, see `UploadedTree.move`."""
@@ -218,7 +233,7 @@ class DeviceTracer:
         words = bits.reshape(receivers, -1)
         at_once = max(CHUNK // spp, 1)
         with self.lock:
-            buffers = self._sample_buffers(query, threads)
+            buffers = self._sample_buffers(tree, query, threads)
             for first in range(0, receivers, at_once):
                 n = min(at_once, receivers - first)
                 chunk = _Chunk(_SAMPLES, buffers, self._work(first * spp, n * spp, query.cull_faces), query)
@@ -265,30 +280,27 @@ class DeviceTracer:
             -1 if skip else int(rays.skip),
         )
 
-    def _corners_of(self, query: ShadowQuery) -> int:
-        """The address of the triangles that a query's faces index; those of the latest query are kept."""
-        corners, kept = query.corners, self._corners
-        owner = corners if corners.base is None else corners.base  # held, so that its memory is not reused
-        key = address_of(corners), corners.shape
-        if kept is None or kept[0] is not owner or kept[1] != key:
-            self._corners = None
-            kept = self._corners = owner, key, self.device.upload(corners, "the receivers' triangles")
-        return kept[2].address
+    def _receivers_of(self, tree: DeviceTree, query: ShadowQuery, threads: int) -> tuple[int, int]:
+        """The addresses of receivers and normals: those that the tree was built for, or copies until the next call."""
+        for kept in tree.receivers:
+            if kept.are_of(query):
+                return kept.memory.address, 0 if kept.normals is None else kept.normals.address
+        block = self.launches.block("receivers", 16 * query.sides.size, "the receivers")
+        self._uploads.write(query, block, threads)
+        return block.address, 0
 
-    def _sample_buffers(self, query: ShadowQuery, threads: int) -> SampleBuffers:
-        send, p, n = self.launches.sent, query.light, query.sides.size
-        if self._receivers is None or len(self._receivers) < n:
-            self._receivers = self.device.host_array((n, 4), np.float32)
-        receivers, ticket = self._receivers[:n], new_ticket(n, 1 << 14)
-        run(pack_receivers, threads, ticket, query.origins, query.faces, query.sides, receivers)
+    def _sample_buffers(self, tree: DeviceTree, query: ShadowQuery, threads: int) -> SampleBuffers:
+        send, p = self.launches.sent, query.light
         own = query.ids is not query.faces and not np.array_equal(query.ids, query.faces)
         faces = bool((query.faces >= 0).any())
-        normals = query.normals.size and (p.kind == AMBIENT or bool((query.faces < 0).any()))
+        receivers, normals = self._receivers_of(tree, query, threads)
+        if not normals and query.normals.size and (p.kind == AMBIENT or bool((query.faces < 0).any())):
+            normals = send("normals", np.ascontiguousarray(query.normals), "the receivers' normals")
         return SampleBuffers(
-            send("receivers", receivers, "the receivers"),
+            receivers,
             send("ids", np.ascontiguousarray(query.ids), "the receivers") if own else 0,
-            send("normals", np.ascontiguousarray(query.normals), "the receivers' normals") if normals else 0,
-            self._corners_of(query) if faces else 0,
+            normals,
+            self.launches.kept_triangles(query.corners) if faces else 0,
             send("samples", query.samples, "the samples of a light"),
             DevicePatch(int(p.kind), _three(p.base), _three(p.u), _three(p.v), _three(p.w), float(p.radius)),
             query.sides.shape[1],

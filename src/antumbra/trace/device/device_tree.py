@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from ...bvh.nodes import LINK, Bvh, Reach, aligned_empty, parents_first
 from ...devices.device import Device, DeviceMemory
 from .device_launches import DeviceLaunches
+from .device_receivers import DeviceReceivers
 from .device_traversal import PRIM, TRIANGLE, TreeBuffers
 
 
@@ -56,7 +57,14 @@ class DeviceTree:
     nodes, triangles : DeviceMemory
         As `TreeBuffers` describes them.
     n : number of triangles
+
+    Attributes
+    ----------
+    receivers : tuple of DeviceReceivers
+        Those of the queries for which triangles were culled, which are on the device already.
     """
+
+    receivers: tuple[DeviceReceivers, ...] = ()
 
     def __init__(self, launches: DeviceLaunches, nodes: DeviceMemory, triangles: DeviceMemory, n: int) -> None:
         self.launches, self.nodes, self.triangles, self.n = launches, nodes, triangles, n

@@ -71,7 +71,7 @@ class ResidentVertices:
 
 def surveyed(source: Source, launches: DeviceLaunches) -> tuple[NDArray[np.float32], NDArray[np.int32] | None]:
     """(bounds, with_area) of all triangles of a scene, as from `scene.triangle_setup.survey`."""
-    strips, boxes = strips_of(source, launches)
+    strips, boxes = strips_of(source.n, launches)
     tags = launches.block("tags", 4 * (source.n + 1), "the tags of triangles")
     launches.launch("survey_strips", (source, boxes, strips, tags.address), strips)
     box = join_all(boxes, strips, launches)

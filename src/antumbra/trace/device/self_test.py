@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.files import make_folder
-from ...bvh import lbvh
+from ...bvh import lbvh, ploc
 from ...bvh.binned_sah import build
 from ...bvh.nodes import LINK, Bvh
 from ...bvh.refit import refit
@@ -38,9 +38,9 @@ from ..rays.ray_batches import RayTracer
 from ..rays.single_rays import as_built, trace_shadow
 from .device_kernels import KERNELS
 from .device_launches import DeviceLaunches
-from .device_tracer import CAPACITIES, Capacities, DeviceTracer
+from .device_tracer import BUILDERS, CAPACITIES, Capacities, DeviceTracer
 from .resident_vertices import ResidentVertices
-from .tree_build import BuiltTree, source_of
+from .tree_build import source_of
 
 _SEED, _RAYS, _RECEIVERS, _SPP = 62, 2000, 512, 4
 _FRAME = 0.0, 0.0, 0.0
@@ -251,22 +251,26 @@ Comparison = tuple[NDArray[Any], NDArray[Any]]
 """What a device has computed, and the same from the CPU."""
 
 
+_COPIES = 16
+
+
 def _crowd(vertices: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(8 n, 3, 3) float32: copies of n triangles in a row, enough for all kernels of a build."""
-    places = np.zeros((8, 1, 1, 3), np.float32)
-    places[:, 0, 0, 0] = 37.0 * np.arange(8)
+    """(_COPIES n, 3, 3) float32: copies of n triangles in a row, enough for all kernels of a build."""
+    places = np.zeros((_COPIES, 1, 1, 3), np.float32)
+    places[:, 0, 0, 0] = 37.0 * np.arange(_COPIES)
     return (vertices + places).reshape(-1, 3, 3)
 
 
 def _compared_trees(device: Device) -> Iterator[Comparison]:
-    """The parts of an `lbvh`, those of its refit, and the cost of that."""
+    """The parts of a tree of each builder, those of its refit, and the cost of that."""
     cases, launches = _cases(), DeviceLaunches(device)
     vertices, moved = _crowd(cases.vertices), _crowd(cases.moved)
-    tree, expected = BuiltTree(source_of(vertices, None, launches), launches), lbvh.build(vertices, 1)
-    yield from zip(_parts(tree.bvh), _parts(expected))
-    refitted, expected = tree.refitted(moved), refit(expected, moved, 1)
-    yield from zip(_parts(refitted.bvh), _parts(expected))
-    yield np.array([refitted.cost()]), np.array([sah_cost(expected)])
+    for name, module in ("lbvh", lbvh), ("ploc", ploc):
+        tree, expected = BUILDERS[name](source_of(vertices, None, launches), launches), module.build(vertices, 1)
+        yield from zip(_parts(tree.bvh), _parts(expected))
+        refitted, expected = tree.refitted(moved), refit(expected, moved, 1)
+        yield from zip(_parts(refitted.bvh), _parts(expected))
+        yield np.array([refitted.cost()]), np.array([sah_cost(expected)])
 
 
 def _parts(bvh: Bvh) -> tuple[NDArray[np.generic], ...]:

@@ -1,6 +1,8 @@
-"""Trees that a device builds: the LBVH of the CPU, node by node, from vertices on the device (`build_kernels`)."""
+"""Trees that a device builds, and the LBVH of the CPU, node by node, from vertices on the device (`build_kernels`)."""
 
+from abc import ABC, abstractmethod
 from copy import copy
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +22,61 @@ _BOX, _NODE, _RANGE = 32, 64, 12  # bytes
 _ONE_ROW = 1 << 10  # numbers that one thread adds
 
 
-class BuiltTree(DeviceTree):
+class BuiltTree(DeviceTree, ABC):
+    """A tree that the device has built.
+
+    Attributes
+    ----------
+    n_nodes : int
+    built_cost : float or None
+        The `cost` of the tree from which this one was refitted; None: it was built.
+    """
+
+    n_nodes: int
+    built_cost: float | None = None
+
+    def _allocate(self, launches: DeviceLaunches, n: int, n_nodes: int) -> None:
+        self.n_nodes = n_nodes
+        nodes = launches.device.allocate(_NODE * n_nodes, "the nodes of the tree")
+        super().__init__(launches, nodes, launches.device.allocate(4 * TRIANGLE * n, "the triangles of the tree"), n)
+
+    def refitted(self, vertices: NDArray[np.float32] | DeviceMemory) -> Self:
+        """The same tree of moved triangles, with boxes from the device. This one stays as it is, for those who use it.
+
+        vertices : as for `source_of`, valid coordinates
+
+        Raises
+        ------
+        OutOfDeviceMemory
+            If there is no room beside this tree.
+        """
+        tree = copy(self)
+        tree.built_cost = self.cost() if self.built_cost is None else self.built_cost
+        tree._allocate(self.launches, self.n, self.n_nodes)
+        tree._refit(self, _address_of(vertices, self.launches))
+        return tree
+
+    @abstractmethod
+    def _refit(self, source: "BuiltTree", vertices: int) -> None:
+        """Write the triangles and nodes of another tree, with vertices at an address."""
+
+    def _filled(self) -> None:
+        """Read the root, once all boxes are written."""
+        self._root = self.nodes.read(np.empty(16, np.float32))
+        self.reach = reach_of_root(self._root)
+
+    def cost(self) -> float:
+        """The SAH cost, added on the device: the bits of `bvh.tree_quality.sah_cost`."""
+        launch, rows = self.launches.launch, -(-self.n_nodes // AREA_ROW)
+        chunks = -(-rows // AREA_ROWS)
+        block = self.launches.block("areas", 16 * (rows + chunks), "the areas of nodes")
+        launch("sum_areas", (self.buffers, self.n_nodes, block.address), rows)
+        launch("join_areas", (block.address, rows, block.address + 16 * rows, chunks), chunks)
+        sums = block.read(np.empty((chunks, 2)), offset=16 * rows)
+        return cost_of_sums(sums, self._root, self.n_nodes, self.n)
+
+
+class LbvhTree(BuiltTree):
     """The tree of `bvh.lbvh` with 30-bit codes, of two triangles or more, built on the device.
 
     Parameters
@@ -37,68 +93,32 @@ class BuiltTree(DeviceTree):
         If a coordinate is not finite, or too large for a tree.
     OutOfDeviceMemory
         If it does not fit.
-
-    Attributes
-    ----------
-    built_cost : float or None
-        The `cost` of the tree from which this one was refitted; None: it was built.
     """
 
     def __init__(self, source: Source, launches: DeviceLaunches, max_leaf: int = MAX_LEAF) -> None:
         n = source.n
-        codes, sorted_faces, spines = _sort(launches, source, min(max_leaf, n - 1))
+        codes, sorted_faces, spines = sort_by_codes(launches, source, min(max_leaf, n - 1))
         n_nodes = _number_nodes(launches, codes, spines)
         self._ranges = launches.device.allocate(_RANGE * n_nodes, "the ranges of the nodes")
-        self._allocate(launches, n)
-        self.built_cost: float | None = None
+        self._allocate(launches, n, n_nodes)
         launches.launch("write_nodes", (spines, self.nodes.address, self._ranges.address), n)
         self._fill((sorted_faces, 1), source.vertices, self.nodes.address)
 
-    def _allocate(self, launches: DeviceLaunches, n: int) -> None:
-        allocate = launches.device.allocate
-        nodes = allocate(_NODE * (self._ranges.size // _RANGE), "the nodes of the tree")
-        super().__init__(launches, nodes, allocate(4 * TRIANGLE * n, "the triangles of the tree"), n)
-
-    def refitted(self, vertices: NDArray[np.float32] | DeviceMemory) -> "BuiltTree":
-        """The same tree of moved triangles, with boxes from the device. This one stays as it is, for those who use it.
-
-        vertices : as for `source_of`, valid coordinates
-
-        Raises
-        ------
-        OutOfDeviceMemory
-            If there is no room beside this tree.
-        """
-        tree = copy(self)
-        tree.built_cost = self.cost() if self.built_cost is None else self.built_cost
-        tree._allocate(self.launches, self.n)
-        tree._fill(self.faces, _address_of(vertices, self.launches), self.nodes.address)
-        return tree
-
-    def cost(self) -> float:
-        """The SAH cost, added on the device: the bits of `bvh.tree_quality.sah_cost`."""
-        n_nodes, launch = self._ranges.size // _RANGE, self.launches.launch
-        rows = -(-n_nodes // AREA_ROW)
-        chunks = -(-rows // AREA_ROWS)
-        block = self.launches.block("areas", 16 * (rows + chunks), "the areas of nodes")
-        launch("sum_areas", (self.buffers, n_nodes, block.address), rows)
-        launch("join_areas", (block.address, rows, block.address + 16 * rows, chunks), chunks)
-        sums = block.read(np.empty((chunks, 2)), offset=16 * rows)
-        return cost_of_sums(sums, self._root, n_nodes, self.n)
+    def _refit(self, source: BuiltTree, vertices: int) -> None:
+        self._fill(source.faces, vertices, source.nodes.address)
 
     def _fill(self, faces: tuple[int, int], vertices: int, nodes: int) -> None:
         """Write the triangles, and the boxes of all nodes; the links are those at `nodes`, the address of a tree's."""
         launch, tree, lowest = self.launches.launch, self.buffers, -(-self.n // SLOTS)
         launch("write_triangles", (tree, *faces, vertices, self.n), self.n)
         boxes = self.launches.block("pyramid", 2 * _BOX * lowest, "the boxes of triangles")
-        pyramid, n_nodes = Pyramid(boxes.address, lowest), self._ranges.size // _RANGE
+        pyramid = Pyramid(boxes.address, lowest)
         launch("bound_slots", (tree, self.n, pyramid), lowest)
         for level in range((lowest - 1).bit_length() - 1, -1, -1):
             first, end = 1 << level, min(2 << level, lowest)
             launch("join_pairs", (pyramid, first, end), end - first)
-        launch("bound_nodes", (tree, nodes, self._ranges.address, pyramid, n_nodes), n_nodes)
-        self._root = self.nodes.read(np.empty(16, np.float32))
-        self.reach = reach_of_root(self._root)
+        launch("bound_nodes", (tree, nodes, self._ranges.address, pyramid, self.n_nodes), self.n_nodes)
+        self._filled()
 
 
 def source_of(
@@ -129,7 +149,7 @@ def source_of(
 def _address_of(vertices: NDArray[np.float32] | DeviceMemory, launches: DeviceLaunches) -> int:
     if isinstance(vertices, DeviceMemory):
         return vertices.address
-    return launches.sent("vertices", np.ascontiguousarray(vertices), "the triangles of the scene")
+    return launches.sent_triangles(vertices)
 
 
 # --- Steps of a build -------------------------------------------------------------------------------------------------
@@ -138,7 +158,7 @@ def _address_of(vertices: NDArray[np.float32] | DeviceMemory, launches: DeviceLa
 def write_grid(launches: DeviceLaunches, source: Source) -> int:
     """The address of the grid of the codes."""
     summary = launches.block("summary", 16, "counts")
-    strips, boxes = strips_of(source, launches)
+    strips, boxes = strips_of(source.n, launches)
     summary.fill()
     launches.launch("bound_strips", (source, boxes, strips, summary.address), strips)
     seconds, joined = _joined(boxes, strips, launches)
@@ -147,12 +167,10 @@ def write_grid(launches: DeviceLaunches, source: Source) -> int:
     return grid
 
 
-def strips_of(source: Source, launches: DeviceLaunches) -> tuple[int, int]:
-    """(the number of strips of a source's triangles, the address for their boxes, which `join_all` joins)."""
-    strips = min(source.n, _STRIPS)
-    return strips, launches.block(
-        "strips", _BOX * (strips + min(strips, _JOINED) + 1), "the bounds of triangles"
-    ).address
+def strips_of(n: int, launches: DeviceLaunches) -> tuple[int, int]:
+    """(the number of strips of n triangles or points, the address for their boxes, which `join_all` joins)."""
+    strips = min(n, _STRIPS)
+    return strips, launches.block("strips", _BOX * (strips + min(strips, _JOINED) + 1), "the bounds").address
 
 
 def _joined(boxes: int, strips: int, launches: DeviceLaunches) -> tuple[int, int]:
@@ -170,7 +188,7 @@ def join_all(boxes: int, strips: int, launches: DeviceLaunches) -> NDArray[np.fl
     return launches.block("strips", 0, "").read(np.empty(8, np.float32), offset=last - boxes)
 
 
-def _sort(launches: DeviceLaunches, source: Source, max_leaf: int) -> tuple[int, int, Spines]:
+def sort_by_codes(launches: DeviceLaunches, source: Source, max_leaf: int) -> tuple[int, int, Spines]:
     """(codes, faces, spines): sorted on the device, and where the radix tree over them goes."""
     n, launch = source.n, launches.launch
     parts, names = -(-n // PART), ("codes", "faces", "other codes", "other faces")
@@ -219,7 +237,12 @@ def _number_nodes(launches: DeviceLaunches, codes: int, spines: Spines) -> int:
     launches.launch("count_spines", (spines,), n + 1)
     add_up(launches, spines.counts, n + 1)
     total = launches.block("counts of digits", 0, "").read(np.empty(1, np.int32), offset=4 * n)
+    refuse_faults(launches)
+    return int(total[0])
+
+
+def refuse_faults(launches: DeviceLaunches) -> None:
+    """Raise an InputError if a coordinate of the triangles sorted last is invalid."""
     faulty, face = launches.block("summary", 0, "").read(np.empty(2, np.int32), offset=4 * FAULT)
     if faulty:
         raise InputError(f"triangle {face} has a coordinate that is not finite, or not below {MAX_COORDINATE:.1e}")
-    return int(total[0])
