@@ -3,6 +3,7 @@
 - `device_rays`: rays and shadow segments as kernels read them, one by index
 - `device_tree`: the tree on a device, and its refit
 - `device_traversal`: the walk of one ray, which decides in float32 and lists what it cannot decide
+- `shaft_parts`, `device_shafts`, `shaft_traversal`: multi-frusta tracing, by warps of shafts
 - `device_kernels`: the kernels, and the list of them that tests and builds read
 - `settling`: the exact decisions on the CPU
 - `device_tracer`: uploads, launches, and the order of the stages

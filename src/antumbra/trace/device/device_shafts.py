@@ -23,7 +23,7 @@ from ...kernels.simd import (
     splat1,
     splat4,
 )
-from ...kernels.vec3 import Vec3, abs_dot, add3, cross, dot, largest, middles_and_halves, subtract3, total
+from ...kernels.vec3 import Vec3, abs_dot, cross, dot, largest, middles_and_halves, subtract3, total
 from ..descent import Shafts, least_direction, mixed_axis
 from ..frusta.shaft_culling import EDGE_UNIT, MORE, UNDERFLOW, Verdict, edges_along, verdict
 from ..rays.wide_traversal import largest_of, triangles_fit

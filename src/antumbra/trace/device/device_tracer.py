@@ -353,6 +353,7 @@ class DeviceTracer:
         tiles = tiles._replace(parts=parts.address)
         self.launches.launch("find_parts", (chunk.rays, work, tiles), tiles.n)
         tiles = tiles._replace(n=tiles.n + int(self._counts()[PARTS]))
+        self.launches.block("out", 0, "").fill(size=4 * work.n)  # CLEAR, also where there is no receiver
         self.launches.launch("trace_shafts", (tree.buffers, chunk.rays, work, tiles), tiles.n * spp)
         self.visits += int(self._counts()[VISITS])
 

@@ -13,7 +13,7 @@ from ...bvh.nodes import Reach
 from ...kernels.device import atomic_add, thread_index
 from ...kernels.exact.filters import larger, smaller
 from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel
-from ...kernels.simd import f32_at, get, i32_at, lowest_bit, put, stack_f32, stack_i32
+from ...kernels.simd import get, i32_at, lowest_bit, put, stack_f32, stack_i32
 from ...query.receivers import NOTHING
 from ...query.shadow_query import ShadowQuery
 from ...scene.lights import FIXED
@@ -70,7 +70,7 @@ def parts_bytes(tiles: ShaftTiles) -> int:
 
 
 def whole_squares(receivers: int, query: ShadowQuery) -> int:
-    """At most this number of receivers, so many that chunks of them end between squares of tiles, if that is possible."""
+    """At most this number of receivers, such that chunks of them end between squares of tiles, if that is possible."""
     h, w = query.sides.shape
     unit = 16 if h == 1 else _SIDE * w
     return max(receivers // unit * unit, 1) if receivers >= unit else receivers

@@ -16,26 +16,36 @@ from ...kernels.device import atomic_add, ballot, lane_index, thread_index
 from ...kernels.exact.filters import FilterRays, filter_hits, larger, max_magnitude, smaller
 from ...kernels.jit import F32Ptr, inlined, kernel
 from ...kernels.simd import f32_at, get, i32_at, lowest_bit, popcount, put, splat1, stack_f32, stack_i32
-from .device_rays import AGAIN, BLOCKED, CLEAR, TRACED, receiver_at, sample_state
+from .device_rays import AGAIN, BLOCKED, TRACED, SampleBuffers, receiver_at, sample_state
 from .device_shafts import Ends, cull_triangle, enter_boxes, shaft_of
-from .device_traversal import STACK, VISITS, counts_with, filter_triangle, list_pair
-from .shaft_parts import PART, receiver_of
+from .device_traversal import STACK, VISITS, Work, counts_with, filter_triangle, list_pair
+from .shaft_parts import PART, ShaftTiles, receiver_of
 
 _STACK = 2 * STACK  # a link, and whether this thread's shaft meets its box
 _INF, _ZERO, _ONE = np.float32(np.inf), np.float32(0.0), np.float32(1.0)
 
 
 class _Segments(NamedTuple):
-    """The segments of a thread: from the receivers of a part to their samples s."""
+    """The segments of a thread: from the receivers of a part of a tile, one in each lane, to their samples s."""
 
+    rays: SampleBuffers
+    work: Work
+    tiles: ShaftTiles
     at: int  # the first receiver of the tile
     s: int
     ends: F32Ptr  # float32, rows of x, y, z: the samples
 
 
 @inlined
-def _ray_number(rays, work, i, s):
-    return i * rays.spp + s - work.first
+def _receiver_in(segments, lane):
+    """The index of a lane's receiver."""
+    return receiver_of(segments.tiles, segments.rays.w, segments.at, lane)
+
+
+@inlined
+def _number_of(segments, i):
+    """The number of receiver i's segment in the chunk."""
+    return i * segments.rays.spp + segments.s - segments.work.first
 
 
 @inlined
@@ -49,26 +59,28 @@ def _upper3(a, b):
 
 
 @inlined
-def _begin(rays, work, tiles, segments, lanes):
-    """Write the known states of the segments in `lanes` (bits), and the ends of the others.
+def _begin(segments, lanes):
+    """Write the known states of the segments in `lanes` (bits), unless they are CLEAR, and the ends of the others.
 
     Return (bits of the segments to be traced, their `Ends`).
     """
-    low, high = (_INF, _INF, _INF), (-_INF, -_INF, -_INF)
+    work, low, high = segments.work, (_INF, _INF, _INF), (-_INF, -_INF, -_INF)
     open_, o_low, o_high, l_low, l_high, shortest = 0, low, high, low, high, _INF
     while lanes != 0:
         lane = lowest_bit(lanes)
         lanes &= lanes - 1
-        i = receiver_of(tiles, rays.w, segments.at, lane)
-        r, j = receiver_at(rays, i), _ray_number(rays, work, i, segments.s)
-        l, state, undecided = sample_state(rays, r, i, segments.s)
+        i = _receiver_in(segments, lane)
+        r, j = receiver_at(segments.rays, i), _number_of(segments, i)
+        l, state, undecided = sample_state(segments.rays, r, i, segments.s)
         answer = np.int64(state)
         if undecided and not list_pair(work, j, -1):
             answer = np.int64(AGAIN)
-        put(i32_at(work.out), j, answer)
+        if answer == BLOCKED or answer == AGAIN:
+            put(i32_at(work.out), j, answer)
         if answer == TRACED:
             open_ |= 1 << lane
-            o_low, o_high, l_low, l_high = _lower3(o_low, r.o), _upper3(o_high, r.o), _lower3(l_low, l), _upper3(l_high, l)
+            o_low, o_high = _lower3(o_low, r.o), _upper3(o_high, r.o)
+            l_low, l_high = _lower3(l_low, l), _upper3(l_high, l)
             shortest = smaller(shortest, max_magnitude((l[0] - r.o[0], l[1] - r.o[1], l[2] - r.o[2])))
             for axis in range(3):
                 put(segments.ends, 16 * axis + lane, l[axis])
@@ -79,14 +91,14 @@ def _begin(rays, work, tiles, segments, lanes):
 
 
 @inlined
-def _test_segments(rays, work, tiles, segments, shaft, slot, triangle, prim, open_):
-    """Test segments (bits) one by one against a triangle. Return those that are still open."""
-    left, ends = open_, segments.ends
+def _test_segments(segments, shaft, slot, triangle, prim, open_):
+    """Test segments (bits) one by one against the triangle in a slot. Return those that are still open."""
+    work, ends, left = segments.work, segments.ends, open_
     while left != 0:
         lane = lowest_bit(left)
         left &= left - 1
-        i = receiver_of(tiles, rays.w, segments.at, lane)
-        r, j = receiver_at(rays, i), _ray_number(rays, work, i, segments.s)
+        i = _receiver_in(segments, lane)
+        r, j = receiver_at(segments.rays, i), _number_of(segments, i)
         if r.id == prim:
             continue
         ray = FilterRays(
@@ -105,39 +117,38 @@ def _test_segments(rays, work, tiles, segments, shaft, slot, triangle, prim, ope
 
 
 @inlined
-def _block(rays, work, tiles, segments, prim, open_):
+def _block(segments, prim, open_):
     """Mark segments (bits) as blocked by a triangle, unless it is their receiver's own. Return those still open."""
     left = open_
     while left != 0:
         lane = lowest_bit(left)
         left &= left - 1
-        i = receiver_of(tiles, rays.w, segments.at, lane)
-        if receiver_at(rays, i).id != prim:
-            put(i32_at(work.out), _ray_number(rays, work, i, segments.s), BLOCKED)
+        i = _receiver_in(segments, lane)
+        if receiver_at(segments.rays, i).id != prim:
+            put(i32_at(segments.work.out), _number_of(segments, i), BLOCKED)
             open_ &= ~(1 << lane)
     return open_
 
 
 @inlined
-def _test_leaf(tree, rays, work, tiles, segments, shaft, link, open_):
+def _test_leaf(tree, segments, shaft, link, open_):
     """Test segments (bits) against the triangles of a leaf. Return those that are still open."""
     leaf = bvh_leaf(link)
     for slot in range(leaf.first, leaf.first + leaf.count):
         if open_ == 0:
             break
         triangle, prim = filter_triangle(tree, slot)
-        v = cull_triangle(shaft, triangle, work.cull_faces)
-        if v.miss == 0:
-            if v.cover != 0:
-                open_ = _block(rays, work, tiles, segments, prim, open_)
-            else:
-                open_ = _test_segments(rays, work, tiles, segments, shaft, slot, triangle, prim, open_)
+        v = cull_triangle(shaft, triangle, segments.work.cull_faces)
+        if v.cover != 0:
+            open_ = _block(segments, prim, open_)
+        elif v.miss == 0:
+            open_ = _test_segments(segments, shaft, slot, triangle, prim, open_)
     return open_
 
 
 @inlined
-def _walk(tree, rays, work, tiles, segments, shaft, open_):
-    """Trace segments (bits) with the other threads of the subgroup. Return those that nothing blocks.
+def _walk(tree, segments, shaft, open_):
+    """Trace segments (bits) with the other threads of the subgroup.
 
     All threads take the same turns, because each of them depends on ballots alone.
     """
@@ -160,30 +171,25 @@ def _walk(tree, rays, work, tiles, segments, shaft, open_):
                 height += 1
             link, mine = np.int64(get(links, link_at(link, 0 if first else 1))), left if first else right
         if link != EMPTY and mine:
-            open_ = _test_leaf(tree, rays, work, tiles, segments, shaft, link, open_)
+            open_ = _test_leaf(tree, segments, shaft, link, open_)
         going = False
         while height > 0 and not going:
             height -= 1
             link, mine = np.int64(get(stack, 2 * height)), get(stack, 2 * height + 1) != 0 and open_ != 0
             going = ballot(mine) != 0
     if lane_index() == 0 and visits != 0:
-        atomic_add(i32_at(work.counts), VISITS, visits)
-    return open_
+        atomic_add(i32_at(segments.work.counts), VISITS, visits)
 
 
 @kernel
 def trace_shafts(tree, rays, work, tiles):  # tree: TreeBuffers, rays: SampleBuffers, work: Work, tiles: ShaftTiles
-    """Trace the segments of a chunk in one thread per part and sample: write the state of each."""
+    """Trace the segments of a chunk in one thread per part and sample: write the states that are not CLEAR."""
     k = thread_index()
     part, s = k // rays.spp, k % rays.spp
     at, lanes = np.int64(0), np.int64(0)
     if part < tiles.n:
         at = tiles.first + np.int64(get(i32_at(tiles.parts), PART * part))
         lanes = np.int64(get(i32_at(tiles.parts), PART * part + 1))
-    segments = _Segments(at, s, stack_f32(48))
-    open_, ends = _begin(rays, work, tiles, segments, lanes)
-    open_ = _walk(tree, rays, work, tiles, segments, shaft_of(tree, ends), open_)
-    while open_ != 0:
-        i = receiver_of(tiles, rays.w, at, lowest_bit(open_))
-        open_ &= open_ - 1
-        put(i32_at(work.out), _ray_number(rays, work, i, s), CLEAR)
+    segments = _Segments(rays, work, tiles, at, s, stack_f32(48))
+    open_, ends = _begin(segments, lanes)
+    _walk(tree, segments, shaft_of(tree, ends), open_)
