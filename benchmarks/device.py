@@ -1,9 +1,12 @@
 """Rays, soft shadows and builds on a device beside the CPU, with the bits of both compared first.
 
-    python benchmarks/device.py --device cuda|opencl|host [scene ...] [--part rays|build ...] [--rays N]
+    python benchmarks/device.py --device cuda|opencl|host [scene ...] [--part rays|shafts|build ...] [--rays N]
         [--triangles N ...] [--size W H] [--spp N] [--threads N] [--rounds N] [--json FILE|auto]
 
-The part `build` is described in device_build.py. The part `rays` follows.
+The part `build` is described in device_build.py. The part `rays` follows. The part `shafts` has the shadow passes of a
+small and a large lamp, with one sample and with --spp, by the method `device, shafts` (the plan
+`bsah+multifrusta+device:NAME`) beside single rays and the CPU. `visits` are nodes visited per 16 rays, by one subgroup
+of shafts together; for single rays, the CPU's `single` counts them.
 
 A scene is sponza_crytek, sanmiguel_lite, bart_robots ($ANTUMBRA_SCENES), forest (procedural), or a file that
 `antumbra.load` reads. Without scenes, all of these that are there.
@@ -19,7 +22,7 @@ Cases:
 Methods:
 
 - `device`: rays are on the device, answers stay there
-- `device, host arrays`: rays are copied there, and answers back; for `soft`, the only method on a device
+- `device, host arrays`: rays are copied there, and answers back; for shadow passes, the only method with single rays
 - `cpu`: the same rays by `Scene.occluded` or `closest_hit`; for `soft`, the plan `bsah+reinsert+multifrusta`
 - `warp`: NVIDIA Warp's `mesh_query_ray_anyhit` on the device, if it is installed and the device is a CUDA card
 
@@ -51,6 +54,7 @@ from antumbra.engine.engine import Engine
 from antumbra.engine.plan import parse_plan
 from antumbra.kernels.parallel import thread_count
 from antumbra.query.shadow_query import ShadowQuery, ray_count, segments
+from antumbra.trace.counters import NODES, new_counters
 from antumbra.trace.device.device_tracer import DeviceTracer
 from common import installed, machine
 from peers import warp_rays
@@ -58,8 +62,10 @@ from peers.ray_contest import query_of
 from views import VIEWS, View, views
 
 CPU_PLAN = "bsah+reinsert+multifrusta"
+PARTS = ["build", "shafts", "rays"]
 RESULTS = Path(__file__).resolve().parents[1] / "docs" / "results"
-HEAD = f"{'case':9s} {'method':20s} {'Mrays/s':>9s} {'ms':>9s} {'differs':>8s} {'undecided':>10s} {'on cpu':>8s}"
+COLUMNS = "undecided", "on cpu", "visits"
+HEAD = f"{'case':9s} {'method':20s} {'Mrays/s':>9s} {'ms':>9s} {'differs':>8s}" + "".join(f" {c:>9s}" for c in COLUMNS)
 
 
 class Ours(NamedTuple):
@@ -146,11 +152,11 @@ def row(case: dict[str, Any], method: str, timing: Timing, n: int, truth: Any) -
 
 def line(each: dict[str, Any]) -> str:
     """A row as a line of the table."""
-    left = [f"{each[name]:.1f}" if name in each else "" for name in ("undecided", "on cpu")]
+    left = "".join(f" {each[name]:9.1f}" if name in each else 10 * " " for name in COLUMNS)
     ms = statistics.median(each["seconds"]) * 1e3
     head = f"{each['case']:9s} {each['method']:20s} {each['mrays']:9.2f} {ms:9.2f} {each['differs']:8d}"
     copied = [f"{each[name] / 1e6:.3f} MB {name}" for name in ("uploaded", "downloaded") if name in each]
-    return f"{head} {left[0]:>10s} {left[1]:>8s} {', '.join(copied)}".rstrip()
+    return f"{head}{left} {', '.join(copied)}".rstrip()
 
 
 def step_line(each: dict[str, Any]) -> str:
@@ -217,19 +223,35 @@ def closest_rows(case: dict[str, Any], ours: Ours, ends: Ends) -> Iterator[dict[
     yield row(case, "cpu", on_cpu, n, truth)
 
 
-def soft_rows(case: dict[str, Any], ours: Ours, query: ShadowQuery) -> Iterator[dict[str, Any]]:
-    """Rows of a shadow pass, from receivers on the host to bits on the host."""
+def pass_rows(case: dict[str, Any], ours: Ours, query: ShadowQuery, shafts: bool) -> Iterator[dict[str, Any]]:
+    """Rows of a shadow pass, from receivers on the host to bits on the host; shafts: also by them, with visits."""
     plans = {"device, host arrays": ours.engine.plan, "cpu": parse_plan(CPU_PLAN)}
+    if shafts:
+        plans["device, shafts"] = parse_plan(f"bsah+multifrusta+device:{ours.engine.plan.device}")
     n, timings, left = ray_count(query), {}, {}
     for name, plan in plans.items():
         engine = ours.engine if plan == ours.engine.plan else Engine(ours.scene, plan, ours.threads)
         answer = answer_of(engine, query)
-        if engine is ours.engine:
-            left = counted(ours, n, answer)
+        if name != "cpu":
+            visits = ours.tracer.visits
+            left[name] = counted(ours, n, answer)
+            if name == "device, shafts":
+                left[name]["visits"] = 16 * (ours.tracer.visits - visits) / n
         timings[name] = timed(answer, ours.rounds)
+    if shafts:
+        counters, single = new_counters(), Engine(ours.scene, "bsah+single", ours.threads)
+        single.accelerator.answer(single.accelerated(), query, counters)
+        left["device, host arrays"]["visits"] = 16 * int(counters[NODES]) / n
     for name, timing in timings.items():
-        each = row(case, name, timing, n, timings["cpu"].answers)
-        yield each | left if name != "cpu" else each
+        yield row(case, name, timing, n, timings["cpu"].answers) | left.get(name, {})
+
+
+def shaft_cases(view: View, ours: Ours, options: argparse.Namespace) -> Iterator[tuple[str, ShadowQuery]]:
+    """(name, query) of the shadow passes of the part `shafts`."""
+    triangles = ours.scene.triangles()
+    for name, light in view.lights.items():
+        for spp in sorted({1, options.spp}):
+            yield f"{name} {spp}", query_of(triangles, view.camera, light, spp, ours.threads)
 
 
 def answer_of(engine: Engine, query: ShadowQuery) -> Callable[[], np.ndarray]:
@@ -241,8 +263,8 @@ def answer_of(engine: Engine, query: ShadowQuery) -> Callable[[], np.ndarray]:
 # --- Scenes -----------------------------------------------------------------------------------------------------------
 
 
-def measure(view: View, options: argparse.Namespace) -> Iterator[dict[str, Any]]:
-    """Rows of all cases of a scene."""
+def measure(view: View, options: argparse.Namespace, parts: list[str]) -> Iterator[dict[str, Any]]:
+    """Rows of all cases of a scene in the parts `rays` and `shafts`."""
     vertices, frame = view.triangles.vertices.reshape(-1, 3, 3), view.triangles.origin
     world = vertices.astype(np.float64) + frame
     scene = antumbra.Scene.from_arrays(world)
@@ -255,8 +277,13 @@ def measure(view: View, options: argparse.Namespace) -> Iterator[dict[str, Any]]
         f"\n{view.name}: {len(vertices)} triangles, built and uploaded in {time.perf_counter() - start:.2f} s\n{HEAD}"
     )
     triangles = scene.triangles()
-    query = query_of(triangles, view.camera, view.lights["small"], options.spp, ours.threads)
     about = {"scene": view.name, "triangles": len(vertices)}
+    if "shafts" in parts:
+        for name, query in shaft_cases(view, ours, options):
+            yield from pass_rows({**about, "case": name}, ours, query, True)
+    if "rays" not in parts:
+        return
+    query = query_of(triangles, view.camera, view.lights["small"], options.spp, ours.threads)
     lists = {
         "coherent": coherent(query, triangles.origin, options.rays),
         "random": between_random_points(scene.bounds, options.rays),
@@ -265,21 +292,21 @@ def measure(view: View, options: argparse.Namespace) -> Iterator[dict[str, Any]]
     for name, ends in lists.items():
         yield from segment_rows({**about, "case": name}, ours, ends)
     yield from closest_rows({**about, "case": "closest"}, ours, lists["random"])
-    yield from soft_rows({**about, "case": "soft"}, ours, query)
+    yield from pass_rows({**about, "case": "soft"}, ours, query, False)
 
 
 def all_rows(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
     """Rows of all parts that were asked for."""
-    chosen = options.part or ["build", "rays"]
+    chosen = options.part or PARTS
     if "build" in chosen:
         tracer = device_tracer(str(parse_plan(f"bsah+device:{options.device}").device))
         how = device_build.Timings(timed, row, options.rounds, thread_count(options.threads))
         for n in options.triangles:
             print(f"\n{n} triangles\n{HEAD.replace('Mrays', '    M')}")
             yield from device_build.rows(tracer, n, options, how)
-    if "rays" in chosen:
+    if "rays" in chosen or "shafts" in chosen:
         for view in views(options.scene, options.size):
-            yield from measure(view, options)
+            yield from measure(view, options, chosen)
 
 
 def file_of(device: Device) -> Path:
@@ -292,7 +319,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scene", nargs="*", help=f"{', '.join(VIEWS)}, or files; default: all of these")
     parser.add_argument("--device", required=True, help="cuda, cuda:1, opencl or host")
-    parser.add_argument("--part", action="append", choices=["rays", "build"], help="default: both")
+    parser.add_argument("--part", action="append", choices=PARTS, help="default: all")
     parser.add_argument("--rays", type=int, default=1 << 23)
     parser.add_argument("--triangles", type=int, nargs="+", default=[10**6, 10**7], help="of builds")
     parser.add_argument("--size", type=int, nargs=2, default=(1024, 1024), metavar=("W", "H"))

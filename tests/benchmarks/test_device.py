@@ -30,6 +30,19 @@ def test_builds_refits_and_frames_of_a_device_are_those_of_the_cpu(name, monkeyp
     assert "scatter_keys" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.device(name)) for name in ("host", "opencl")])
+def test_shafts_are_compared_with_single_rays_and_the_cpu(name, monkeypatch, tmp_path):
+    path = tmp_path / "rows.json"
+    words = f"device.py forest --device {name} --part shafts --size 16 12 --spp 4 --rounds 1 --json {path}"
+    monkeypatch.setattr(sys, "argv", words.split())
+    device.main()
+    rows = json.loads(path.read_text())["rows"]
+    assert {row["method"] for row in rows} == {"device, host arrays", "device, shafts", "cpu"}
+    assert {row["case"] for row in rows} == {f"{light} {spp}" for light in ("small", "large") for spp in (1, 4)}
+    assert all(row["differs"] == 0 for row in rows)
+    assert all(row["visits"] > 0 for row in rows if row["method"] != "cpu")
+
+
 def test_bytes_are_stated_for_kernels_that_exist():
     assert set(BUILD_KERNELS) < set(device_build.MOVED) <= set(KERNELS)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.engine.plan import Plan, covering_plans
+from antumbra.engine.plan import Plan, covering_plans, parse_plan
 from antumbra.generate.procedural_scenes import PROCEDURAL
 from asking import answer, query_of
 from devices import device_plans
@@ -14,6 +14,7 @@ PLANS = covering_plans()
 TRACING = [
     *(p for p in PLANS if p == Plan(trace=p.trace)),  # with the default tree; tests/lab/papers tests the others
     *device_plans(),
+    pytest.param(parse_plan("bsah+multifrusta+device:opencl"), marks=pytest.mark.device("opencl")),
 ]
 LIT = TRACING + [
     p for p in PLANS if p.cull == "grid32"

@@ -13,14 +13,17 @@ from antumbra.devices.device_list import default_device, using_device
 from antumbra.engine.device_plans import cpu_plan, plan_on
 from antumbra.engine.engine import Engine, chosen_plan, default_plan_of
 from antumbra.engine.plan import parse_plan
+from antumbra.trace.counters import NODES, RAYS, new_counters
 from antumbra.trace.device import device_tracer as device_tracer_module
 from antumbra.trace.device.device_tree import UploadedTree
 from antumbra.trace.device.tree_build import BuiltTree
+from asking import answer, query_of
 from devices import device_plans
 from instance_scenes import whole_scenes
 from truths import soup_scene
 
 ON_HOST = "bsah+device:host:0"
+LOOK = at.Camera((0, 2, 9), (0, -0.5, 0), width=16, height=12), at.QuadLight((-1, 6, -1), (2, 0, 0), (0, 0, 2))
 
 
 @pytest.fixture(autouse=True)
@@ -33,6 +36,34 @@ def test_a_device_stands_in_a_plan_by_its_full_name(name):
     plan = parse_plan(f"bsah+reinsert+device:{name}")
     assert str(plan) == "bsah+reinsert+device:host:0" and plan.device == "host:0"
     assert parse_plan("bsah+single").device is None and str(cpu_plan(plan)) == "bsah+reinsert+single"
+
+
+@pytest.mark.parametrize("name", ["bsah+multifrusta+device:host", "device:host:0+bsah+multifrusta"])
+def test_multifrusta_on_a_device_is_one_tracer_named_by_two_parts(name):
+    plan = parse_plan(name)
+    assert str(plan) == "bsah+multifrusta+device:host:0" and plan.device == "host:0" and parse_plan(str(plan)) == plan
+    assert parse_plan(plan) == plan and "shaft" in plan.tracer.description
+    assert str(cpu_plan(plan)) == "bsah+single"
+    for two in "bsah+cones+device:host", "bsah+multifrusta+cones", "bsah+device:host+device:host:1":
+        with pytest.raises(InputError, match="names two tracers"):
+            parse_plan(two)
+
+
+@pytest.mark.parametrize("build", ["bsah", "lbvh", "grid32+lbvh"])
+@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.device(name)) for name in ("host", "opencl")])
+def test_shafts_give_pictures_and_rays_of_the_cpu_with_fewer_nodes(build, name):
+    plan, (camera, light), scene = f"{build}+multifrusta+device:{name}", LOOK, soup_scene(3)
+    frame, expected = (at.render(scene, camera, light, spp=5, plan=each) for each in (plan, "bsah+single"))
+    np.testing.assert_array_equal(frame.bits[0], expected.bits[0])
+    assert frame.bits[0].any() and frame.plan == f"{plan}:0"
+    triangles, query = query_of(scene, camera, light, 5)
+    counters = [new_counters(), new_counters()]
+    for each, mine in zip((plan, "bsah+single"), counters):
+        answer(each, triangles, query, 2, mine)
+    assert 0 < counters[0][NODES] < counters[1][NODES] and counters[0][RAYS] > 0
+    origins, targets = np.random.default_rng(1).uniform(-3, 3, (2, 50, 3))
+    blocked = Engine(scene, plan).occluded(origins, targets=targets)
+    np.testing.assert_array_equal(blocked, scene.occluded(origins, targets=targets))
 
 
 @pytest.mark.parametrize("plan", [None, "auto", ON_HOST, "bsah+device:host"])
@@ -104,9 +135,6 @@ def test_frames_keep_the_tree_on_the_device(monkeypatch):
     light = at.QuadLight((-1, 6, -1), (2, 0, 0), (0, 0, 2))
     frames = [renderer.render(camera, light, spp=4).bits[0] for _ in range(3)]
     assert len(trees) == 1 and all(np.array_equal(frames[0], bits) for bits in frames)
-
-
-LOOK = at.Camera((0, 2, 9), (0, -0.5, 0), width=16, height=12), at.QuadLight((-1, 6, -1), (2, 0, 0), (0, 0, 2))
 
 
 def test_an_animation_is_rendered_in_trees_that_the_device_builds(tmp_path, monkeypatch):

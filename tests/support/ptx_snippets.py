@@ -46,11 +46,12 @@ def run_snippet(device, instructions, words):
     return out
 
 
-def applied(device, operation, kind, result, values):
+def applied(device, operation, kind, result, values, constants=()):
     """The results of one instruction of up to three operands, for each tuple of values.
 
     operation : such as "add.rn.f32"
     kind, result : NumPy dtypes of the operands and of the result
+    constants : further operands
     """
     width, out = (8 * np.dtype(each).itemsize for each in (kind, result))
     register, target = ("%r" if each == 32 else "%rd" for each in (width, out))
@@ -64,7 +65,7 @@ def applied(device, operation, kind, result, values):
         "sub.s64 %rd4, %rd4, %rd3;",
         "add.s64 %rd4, %rd4, %rd1;",
         *loads,
-        f"{operation} {target}8, {', '.join(names)};",
+        f"{operation} {target}8, {', '.join([*names, *constants])};",
         f"st.global.b{out} [%rd2], {target}8;",
     ]
     words = np.zeros(max(len(values), -(-values.nbytes // 8)), np.int64)

@@ -1,4 +1,4 @@
-"""Tracers on devices, ``device:`` and the name of a device: a family of the registry of methods."""
+"""Tracers on devices, ``device:`` or ``multifrusta+device:`` and the name of a device: two families of the registry."""
 
 from functools import cache
 from typing import Any, cast
@@ -15,12 +15,13 @@ from ..query.shadow_query import ShadowQuery, ray_count
 from ..scene.resident_triangles import ResidentTriangles
 from ..scene.triangles import Triangles
 from ..techniques.culling.pre_bvh_culling import CullRequest
-from ..trace.counters import RAYS
+from ..trace.counters import NODES, RAYS
+from ..trace.frusta.multi_frusta import BENTHIN
 from ..trace.tracer import Bits, Counters, Tracer, TracerState
 from .method_registry import register_family
 
-DEVICE = "device"
-"""The name of the family."""
+DEVICE, SHAFTS = "device", "multifrusta+device"
+"""The names of the families: single rays, and shafts."""
 
 
 def device_tracer(name: str, max_memory: int | None = None) -> Any:
@@ -72,6 +73,7 @@ class OnDeviceTracer(Tracer):
     """
 
     builders = ("lbvh", "ploc")
+    shafts = False
 
     def __init__(self, device: str) -> None:
         self.device, self.description = device, f"one ray per thread on the device {device}, exact with the CPU's help"
@@ -113,9 +115,23 @@ class OnDeviceTracer(Tracer):
         progress: ProgressCallback | None = None,
         fresh: bool = True,
     ) -> None:
-        prepared.tracer.trace_shadow(prepared.tree, query, bits, thread_count(threads), progress)
+        tracer, n = prepared.tracer, thread_count(threads)
+        visits = tracer.visits
+        tracer.trace_shadow(prepared.tree, query, bits, n, progress, self.shafts)
         if counters is not None:
             counters[RAYS] += ray_count(query)
+            counters[NODES] += tracer.visits - visits
+
+
+class ShaftsOnDeviceTracer(OnDeviceTracer):
+    """One shaft of up to 16 shadow rays per thread on a device; rays of lists, and unsuitable queries, one by one."""
+
+    paper = BENTHIN
+    shafts = True
+
+    def __init__(self, device: str) -> None:
+        super().__init__(device)
+        self.description = f"one shaft of shadow rays per thread on the device {device}, exact with the CPU's help"
 
 
 def _vertices(triangles: Triangles, tracer: Any) -> Any:
@@ -126,24 +142,32 @@ def _vertices(triangles: Triangles, tracer: Any) -> Any:
 
 
 @cache
-def _tracer_of(name: str) -> OnDeviceTracer:
-    """The tracer of plans on a device, by its full name."""
-    return OnDeviceTracer(name)
+def _tracer_of(family: str, name: str) -> OnDeviceTracer:
+    """The tracer of plans on a device, by the device's full name."""
+    return (ShaftsOnDeviceTracer if family == SHAFTS else OnDeviceTracer)(name)
 
 
 def find_device_tracer(name: str) -> tuple[str, Tracer] | None:
-    """The tracer ``device:NAME``, with the device's full name."""
-    device = name.partition(":")[2]
+    """The tracer ``device:NAME`` or ``multifrusta+device:NAME``, with the device's full name."""
+    family, _, device = name.partition(":")
     if not device or device == CPU:
         return None
     full = ":".join(map(str, parse_device(device, "the device of the plan")))
-    return f"{DEVICE}:{full}", _tracer_of(full)
+    return f"{family}:{full}", _tracer_of(family, full)
 
 
-register_family(DEVICE, find_device_tracer)
+for _family in DEVICE, SHAFTS:
+    register_family(_family, find_device_tracer)
+
+
+def joined_tracer(a: str, b: str) -> str | None:
+    """The tracer that two parts of a plan name together, ``multifrusta`` and ``device:NAME``; None: they name two."""
+    method, _, family = SHAFTS.partition("+")
+    first, second = sorted((a, b), key=lambda name: name != method)
+    return f"{first}+{second}" if first == method and second.startswith(f"{family}:") else None
 
 
 def device_of(tracer: str) -> str | None:
     """The full name of the device of a tracer, by its canonical name; None: it traces on the CPU."""
     family, _, device = tracer.partition(":")
-    return device if family == DEVICE else None
+    return device if family in (DEVICE, SHAFTS) else None

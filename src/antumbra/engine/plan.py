@@ -9,7 +9,7 @@ from ..base.checks import checked_instance, quoted, spelling_hint
 from ..base.errors import InputError
 from ..base.extras import METHODS, try_plugins
 from ..techniques.srdh.representative_rays import SrdhRays
-from .device_tracers import device_of
+from .device_tracers import device_of, joined_tracer
 from .method_registry import BUILDERS, KINDS, OPTIMISERS, TRACERS, Tracer, add_plugins, find_method, listed_methods
 
 TREE = ("build", "optimise", "update")
@@ -121,7 +121,9 @@ def parse_plan(plan: "str | Plan") -> Plan:
         if method is None:
             raise InputError(f"plan {str(plan)!r}: unknown part {part!r}; {spelling_hint(part, _names())}{_valid()}")
         field, name = method
-        if field in names:
+        if field == "trace" and (joined := joined_tracer(names.get(field, ""), name)):
+            name = joined
+        elif field in names:
             kind = KINDS[field][0]
             raise InputError(f"plan {str(plan)!r} names two {kind}s, {names[field]!r} and {part!r}; {_valid()}")
         names[field] = name

@@ -112,19 +112,19 @@ def _bounds(o, d):
     """The lower and the upper `Bound` t = (plane - o) / d."""
     r = _ONE / d
     k = -o * r
-    pad = fma(absolute(k), splat16(_PAD), splat16(_VANISHING))
+    pad = fma(absolute(k), _PAD, _VANISHING)
     return Bound(r * _SHRINK, (k - pad) * _SHRINK), Bound(r * GROW, (k + pad) * GROW)
 
 
 @inlined
 def _choose(there, bound, otherwise):
     """The bound in the lanes of `there`, and the constant t `otherwise` in the other lanes."""
-    return Bound(select(there, bound.r, splat16(_ZERO)), select(there, bound.k, splat16(otherwise)))
+    return Bound(select(there, bound.r, _ZERO), select(there, bound.k, otherwise))
 
 
 @inlined
 def mixed_axis(o_low, o_high, d_low, d_high, limit, endless):
-    """`Mixed` of one axis; limit: splat of the least |d|."""
+    """`Mixed` of one axis, for vectors of any width; limit: the least |d| in each lane."""
     # Eq. (1) of docs/design/multifrusta.md
     end = _INFINITE if endless else _ONE
     up, down = d_high > -limit, d_low < limit
@@ -161,7 +161,7 @@ def least_direction(s):
     d = maximum(maximum(absolute(s.dx_low), absolute(s.dx_high)), maximum(absolute(s.dy_low), absolute(s.dy_high)))
     d = maximum(d, maximum(absolute(s.dz_low), absolute(s.dz_high)))
     o = maximum(maximum(absolute(s.ox_low), absolute(s.oy_low)), absolute(s.oz_low))
-    return maximum(maximum(d, o * np.float32(1e-7)) * _LOW, splat16(np.float32(1e-25)))
+    return maximum(maximum(d, o * np.float32(1e-7)) * _LOW, np.float32(1e-25))
 
 
 @inlined

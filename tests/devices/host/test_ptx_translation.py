@@ -61,6 +61,8 @@ CASES = [
     ("shr.s32", I32, I32, [[-8, 1], [-8, 99]], [-4, -1]),
     ("shf.l.wrap.b32", I32, I32, [[-(2**31), 1, 1], [5, 7, 32]], [3, 7]),
     ("shf.r.wrap.b32", I32, I32, [[4, 1, 1]], [-(2**31) + 2]),
+    ("bfe.u32 4 8", I32, I32, [[-1], [0x12345]], [255, 0x34]),
+    ("bfe.s64 1 2", I64, I64, [[-1], [2]], [-1, 1]),
     ("popc.b32", I32, I32, [[-1], [5]], [32, 2]),
     ("popc.b64", I64, I32, [[-1]], [64]),
     ("clz.b32", I32, I32, [[0], [1]], [32, 31]),
@@ -78,7 +80,8 @@ def test_an_instruction_gives_the_exact_result(device, operation, kind, result, 
     with np.errstate(under="ignore"):
         expected = np.array(expected, result)
     bits = BITS.get(np.dtype(result), result)
-    got = applied(device, operation, kind, result, values)
+    operation, *constants = operation.split()
+    got = applied(device, operation, kind, result, values, constants)
     assert got.view(bits).tolist() == expected.view(bits).tolist()
 
 

@@ -11,7 +11,7 @@ from antumbra.trace.device.device_kernels import KERNELS
 from antumbra.trace.device.device_launches import DeviceLaunches
 from devices import opened
 
-MOST_REGISTERS = {"trace_any": 64, "trace_samples": 72, "trace_nearest": 96}
+MOST_REGISTERS = {"trace_any": 64, "trace_samples": 72, "trace_nearest": 96, "trace_shafts": 96}
 """Of a thread, by ptxas: more would leave too few threads on a processor of a card to hide the latency of memory."""
 
 

@@ -134,10 +134,12 @@ def test_no_rays_have_no_hits(tracer):
 
 def check_query(tracer, triangles, query):
     bvh = binned_sah.build(triangles.vertices, 2)
-    truth, bits = new_bits(query), new_bits(query)
+    truth, tree = new_bits(query), tracer.tree(bvh)
     trace_shadow(as_built(bvh), query, truth, 2)
-    tracer.trace_shadow(tracer.tree(bvh), query, bits, 2)
-    np.testing.assert_array_equal(bits, truth)
+    for shafts in False, True:
+        bits = new_bits(query)
+        tracer.trace_shadow(tree, query, bits, 2, shafts=shafts)
+        np.testing.assert_array_equal(bits, truth, err_msg=f"shafts={shafts}")
     return np.bitwise_count(truth).sum() / (query.sides.size * query.samples.shape[1])
 
 

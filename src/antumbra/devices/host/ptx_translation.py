@@ -385,6 +385,15 @@ class Translation:
         low, high, by = (self._read(operand, 32) for operand in each.operands[1:])
         self._write(each.operands[0], self._call(f"fsh{each.operation[1]}.i32", "i32", high, low, by), 32)
 
+    def _extract_bits(self, each: Instruction) -> None:
+        """`bfe`, of bits whose place and number are constants: a shift to the left, and one to the right."""
+        width = bits_of(each.kind)
+        place, count = (int(operand) for operand in each.operands[2:])
+        _require(len(each.operation) == 2 and place >= 0 < count and place + count <= width)
+        shifted = self._value(f"shl i{width} {self._read(each.operands[1], width)}, {width - place - count}")
+        right = "ashr" if each.kind[0] == "s" else "lshr"
+        self._write(each.operands[0], self._value(f"{right} i{width} {shifted}, {width - count}"), width)
+
     def _count_bits(self, each: Instruction) -> None:
         name, width = each.operation[0], bits_of(each.kind)
         _require(len(each.operation) == 2)
@@ -452,6 +461,7 @@ _BY_KIND: dict[str, tuple[_Translator | None, _Translator | None]] = {
     **dict.fromkeys(("and", "or", "xor", "not", "rem"), (None, Translation._integer_arithmetic)),
     **dict.fromkeys(("popc", "clz", "brev"), (None, Translation._count_bits)),
     **dict.fromkeys(("shl", "shr"), (None, Translation._shift)),
+    "bfe": (None, Translation._extract_bits),
     "mad": (None, Translation._multiply),
     "shf": (None, Translation._funnel_shift),
 }

@@ -53,7 +53,7 @@ _OTHERS = re.compile(
             rf"(?:mul|mad)\.(?:lo|hi|wide)\.{_INTEGER_TYPE}",
             rf"setp\.(?:eq|ne|lt|le|gt|ge|lo|ls|hi|hs)\.{_INTEGER_TYPE}",
             rf"cvt\.{_INTEGER_TYPE}\.{_INTEGER_TYPE}",
-            r"shf\.[lr]\.wrap\.b32",
+            r"shf\.[lr]\.wrap\.b32|bfe\.[us](?:32|64)",
             rf"(?:ld|st)\.(?:param|global|local|shared)(?:\.v[24])?\.{_INTEGER_TYPE}",
             r"(?:atom|red)\.(?:global|shared)\.(?:add|min|max|and|or|xor|exch|cas)\.[sub](?:32|64)",
             r"shfl\.sync\.idx\.b32|vote\.sync\.ballot\.b32|bar\.sync|barrier\.sync\.aligned",

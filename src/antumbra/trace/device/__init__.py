@@ -5,6 +5,7 @@
 - `tree_build`, `ploc_build`: trees that a device builds, and `build_kernels`, `ploc_kernels`
 - `device_receivers`: receivers that are uploaded once
 - `device_traversal`: the walk of one ray, which decides in float32 and lists what it cannot decide
+- `shaft_parts`, `device_shafts`, `shaft_traversal`: multi-frusta tracing, by warps of shafts
 - `device_kernels`: the kernels, and the list of them that tests and builds read
 - `settling`: the exact decisions on the CPU
 - `device_tracer`: uploads, launches, and the order of the stages

@@ -2,7 +2,8 @@
 
 Stages of a query:
 
-1. `trace_*` walks the tree in float32 and lists undecided tests.
+1. `trace_*` walks the tree in float32 and lists undecided tests. `trace_shafts` (`shaft_traversal`) does so for 16
+   segments per thread, in the parts that `find_parts` lists.
 2. `settle_*` decides these in float64. What is left becomes records for the CPU, which decides by the exact predicate
    (`settling`). `mark_rays` brings its answers back.
 3. `pack_states` makes bits of the states of segments; `report_hits` computes t and weights of nearest hits, and leaves
@@ -42,6 +43,8 @@ from .build_kernels import BUILD_KERNELS
 from .device_rays import AGAIN, BLOCKED, TRACED, DevicePatch, RayBuffers, SampleBuffers, ray_at
 from .device_traversal import PRIM, REST, TRIANGLE, WON, TreeBuffers, Work, counts_with, list_pair, walk
 from .ploc_kernels import PLOC_KERNELS
+from .shaft_parts import ShaftTiles, find_parts
+from .shaft_traversal import trace_shafts
 
 RECORD = 14
 _APART = np.float64(1.0 + 2.0**-27)  # more than the errors of two accurate t
@@ -426,10 +429,13 @@ _ZERO = (0.0, 0.0, 0.0)
 SAMPLES = SampleBuffers(0, 0, 0, 0, 0, DevicePatch(0, _ZERO, _ZERO, _ZERO, _ZERO, 0.0), 0, 0)
 HITS = HitBuffers(0, 0, 0, 0)
 WORK = Work(0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
+TILES = ShaftTiles(0, 0, 0, 0, 0, 0.0)
 
 KERNELS = {
     "trace_any": DeviceKernel(trace_any, (TREE, RAYS, WORK)),
     "trace_samples": DeviceKernel(trace_any, (TREE, SAMPLES, WORK)),
+    "find_parts": DeviceKernel(find_parts, (SAMPLES, WORK, TILES)),
+    "trace_shafts": DeviceKernel(trace_shafts, (TREE, SAMPLES, WORK, TILES)),
     "trace_nearest": DeviceKernel(trace_nearest, (TREE, RAYS, WORK)),
     "settle_any": DeviceKernel(settle_any, (TREE, RAYS, WORK, 0, 0)),
     "settle_samples": DeviceKernel(settle_any, (TREE, SAMPLES, WORK, 0, 0)),

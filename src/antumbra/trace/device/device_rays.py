@@ -122,7 +122,9 @@ def pack_receivers(ticket, origins, faces, sides, out):
         put(words, 4 * i + 3, np.int64(get(f, i)) << 2 | np.int64(get(s, i)) + 1)
 
 
-class _Receiver(NamedTuple):
+class DeviceReceiver(NamedTuple):
+    """A receiver of a `SampleBuffers`."""
+
     o: tuple[float, float, float]  # float32
     n: tuple[float, float, float]  # its normal
     side: int
@@ -131,13 +133,14 @@ class _Receiver(NamedTuple):
 
 
 @inlined
-def _receiver_at(query, i):
+def receiver_at(query, i):
+    """The `DeviceReceiver` i of a `SampleBuffers`."""
     numbers, z = f32_at(query.receivers), np.float64(0.0)
     tag = np.int64(get(i32_at(query.receivers), 4 * i + 3))
     o = get(numbers, 4 * i), get(numbers, 4 * i + 1), get(numbers, 4 * i + 2)
     n = (z, z, z) if query.normals == 0 else three_at(f64_at(query.normals), i)
     face = tag >> 2
-    return _Receiver(o, n, (tag & SIDE) - 1, face, face if query.ids == 0 else np.int64(get(i32_at(query.ids), i)))
+    return DeviceReceiver(o, n, (tag & SIDE) - 1, face, face if query.ids == 0 else np.int64(get(i32_at(query.ids), i)))
 
 
 @inlined
@@ -149,17 +152,24 @@ def _horizon_of(query, r):
 
 
 @inlined
-def _sampled_ray(query, at):
-    i, s = at // query.spp, at % query.spp
-    r, samples, k = _receiver_at(query, i), f64_at(query.samples), (set_of(query, i) * query.spp + s) * 3
+def sample_state(query, r, i, s):
+    """(sample s of receiver i, its state, whether the receiver's own surface leaves it undecided); r: the receiver."""
+    samples, k = f64_at(query.samples), (set_of(query, i) * query.spp + s) * 3
     patch = patch_at(query.light, r.o[0], r.o[1], r.o[2], r.n[0], r.n[1], r.n[2])
     l = sample_point(patch, get(samples, k), get(samples, k + 1), get(samples, k + 2))
-    ray = segment(r.o[0], r.o[1], r.o[2], l[0], l[1], l[2])
     if r.side == NOTHING:
-        return DeviceRay(ray, r.id, CLEAR, False)
+        return l, CLEAR, False
     above = above_horizon(_horizon_of(query, r), l[0], l[1], l[2])
-    state = BLOCKED if above == 0 else CLEAR if _is_still(ray) else TRACED
-    return DeviceRay(ray, r.id, state, above == UNSURE)
+    still = l[0] == r.o[0] and l[1] == r.o[1] and l[2] == r.o[2]
+    return l, BLOCKED if above == 0 else CLEAR if still else TRACED, above == UNSURE
+
+
+@inlined
+def _sampled_ray(query, at):
+    i, s = at // query.spp, at % query.spp
+    r = receiver_at(query, i)
+    l, state, undecided = sample_state(query, r, i, s)
+    return DeviceRay(segment(r.o[0], r.o[1], r.o[2], l[0], l[1], l[2]), r.id, state, undecided)
 
 
 @overload(ray_at)

@@ -27,10 +27,11 @@ from .device_kernels import RECORD, HitBuffers
 from .device_launches import DeviceLaunches
 from .device_rays import AGAIN, BLOCKED, CLEAR, TRACED, DevicePatch, RayBuffers, SampleBuffers
 from .device_receivers import DeviceReceivers, ReceiverUploads
-from .device_traversal import PAIRS, REST, WON, Work
+from .device_traversal import COUNTS, PAIRS, PARTS, REST, VISITS, WON, Work
 from .device_tree import DeviceTree, UploadedTree
 from .ploc_build import PlocTree
 from .resident_rays import ResidentRays
+from .shaft_parts import parts_bytes, suits_shafts, tiles_of, whole_squares
 from .tree_build import BuiltTree, LbvhTree, source_of
 
 BUILDERS: dict[str, Callable[[Source, DeviceLaunches], BuiltTree]] = {"lbvh": LbvhTree, "ploc": PlocTree}
@@ -58,10 +59,12 @@ class _Kind(NamedTuple):
     settle: str
     record: str
     any_hit: bool
+    by_shafts: bool = False  # `trace` serves only what is traced again
 
 
 _ANY = _Kind("trace_any", "settle_any", "record_rays", True)
 _SAMPLES = _Kind("trace_samples", "settle_samples", "record_samples", True)
+_SHAFTS = _SAMPLES._replace(by_shafts=True)
 _NEAREST = _Kind("trace_nearest", "settle_nearest", "record_rays", False)
 
 
@@ -87,12 +90,14 @@ class DeviceTracer:
         Held by every call.
     undecided, on_cpu : int
         The numbers of tests so far that float32 left to float64, and that float64 left to the CPU.
+    visits : int
+        The number of nodes so far that subgroups of shafts have visited.
     """
 
     def __init__(self, device: Device, capacities: Capacities = CAPACITIES) -> None:
         self.device, self._capacities = device, capacities
         self.launches = DeviceLaunches(device)
-        self.undecided = self.on_cpu = 0
+        self.undecided = self.on_cpu = self.visits = 0
         self._uploads = ReceiverUploads(device)
         self.lock = threading.RLock()
         renew_after_fork(self)
@@ -224,19 +229,23 @@ class DeviceTracer:
         bits: NDArray[np.uint64],
         threads: int,
         progress: ProgressCallback | None = None,
+        shafts: bool = False,
     ) -> None:
         """Set bit s of ``bits[y, x]`` where sample s of a `ShadowQuery` is occluded.
 
         bits : (h, w, ceil(spp / 64)) uint64
+        shafts : whether shafts trace the query, if they suit it, instead of single rays
         """
         spp, receivers = query.samples.shape[1], query.sides.size
         words = bits.reshape(receivers, -1)
-        at_once = max(CHUNK // spp, 1)
+        shafts = shafts and suits_shafts(tree.reach, query)
+        at_once = whole_squares(max(CHUNK // spp, 1), query) if shafts else max(CHUNK // spp, 1)
         with self.lock:
             buffers = self._sample_buffers(tree, query, threads)
             for first in range(0, receivers, at_once):
                 n = min(at_once, receivers - first)
-                chunk = _Chunk(_SAMPLES, buffers, self._work(first * spp, n * spp, query.cull_faces), query)
+                work = self._work(first * spp, n * spp, query.cull_faces)
+                chunk = _Chunk(_SHAFTS if shafts else _SAMPLES, buffers, work, query)
                 self._trace(tree, chunk, threads)
                 words[first : first + n] |= _words_of(self._bits(chunk, n * spp), n, spp)
                 if progress is not None:
@@ -247,7 +256,7 @@ class DeviceTracer:
     def _work(self, first: int, n: int, cull_faces: int) -> Work:
         sizes, block = self._capacities, self.launches.block
         out = block("out", 4 * n, "the answers")
-        counts = block("counts", 16, "counts")
+        counts = block("counts", 4 * COUNTS, "counts")
         pairs = block("pairs", 8 * sizes.pairs, "the list of undecided tests")
         rest = block("rest", 8 * RECORD * sizes.records, "the list of tests for the CPU")
         lists = pairs.address, sizes.pairs, rest.address, sizes.records
@@ -313,7 +322,7 @@ class DeviceTracer:
         return self.launches.block(name, 0, "").read(np.empty(shape, dtype))
 
     def _counts(self) -> NDArray[np.int32]:
-        return self._read("counts", (4,), np.int32)
+        return self._read("counts", (COUNTS,), np.int32)
 
     def _trace(self, tree: DeviceTree, chunk: _Chunk, threads: int) -> None:
         """Trace a chunk of rays and decide all their tests. Their states or slots stay on the device."""
@@ -336,7 +345,10 @@ class DeviceTracer:
             n = len(which)
             work = work._replace(which=self.launches.sent("which", which, "the rays"), n=n)
         counts.fill()
-        self.launches.launch(chunk.kind.trace, (tree.buffers, chunk.rays, work), n)
+        if which is None and chunk.query is not None and chunk.kind.by_shafts:
+            self._launch_shafts(tree, chunk, chunk.query)
+        else:
+            self.launches.launch(chunk.kind.trace, (tree.buffers, chunk.rays, work), n)
         pairs = int(self._counts()[PAIRS])
         self.undecided += min(pairs, work.capacity)
         self._settle(tree, chunk, min(pairs, work.capacity), threads)
@@ -344,6 +356,18 @@ class DeviceTracer:
             return np.empty(0, np.int32)
         states = self._read("out", (chunk.work.n,), np.int32)
         return np.flatnonzero(states == AGAIN).astype(np.int32) if which is None else which[states[which] == AGAIN]
+
+    def _launch_shafts(self, tree: DeviceTree, chunk: _Chunk, query: ShadowQuery) -> None:
+        """Trace a chunk by shafts, once the parts of its tiles are listed."""
+        work, spp = chunk.work, query.samples.shape[1]
+        tiles = tiles_of(query, work.first // spp, work.n // spp)
+        parts = self.launches.block("parts", parts_bytes(tiles), "the parts of tiles")
+        tiles = tiles._replace(parts=parts.address)
+        self.launches.launch("find_parts", (chunk.rays, work, tiles), tiles.n)
+        tiles = tiles._replace(n=tiles.n + int(self._counts()[PARTS]))
+        self.launches.block("out", 0, "").fill(size=4 * work.n)  # CLEAR, also where there is no receiver
+        self.launches.launch("trace_shafts", (tree.buffers, chunk.rays, work, tiles), tiles.n * spp)
+        self.visits += int(self._counts()[VISITS])
 
     def _settle(self, tree: DeviceTree, chunk: _Chunk, pairs: int, threads: int) -> None:
         """Decide the listed tests: in float64 on the device, and what is left on the CPU."""

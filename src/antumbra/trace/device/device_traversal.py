@@ -48,9 +48,12 @@ from .device_rays import AGAIN, BLOCKED, CLEAR
 TRIANGLE = 12  # words of a triangle
 PRIM = 3  # its word with the triangle's index
 NO_HIT = -1  # instead of the slot of the nearest hit
-PAIRS, REST, WON = range(3)  # elements of `Work.counts`: lengths of the lists, and hits written by `settle_nearest`
+COUNTS = 5
+PAIRS, REST, WON, PARTS, VISITS = range(COUNTS)
+"""Elements of `Work.counts`: lengths of the lists, hits written by `settle_nearest`, parts that `find_parts` has added,
+and nodes that shafts have visited."""
 
-_STACK = MAX_DEPTH + 2
+STACK = MAX_DEPTH + 2
 _INF = np.float32(np.inf)
 
 
@@ -72,7 +75,7 @@ class Work(NamedTuple):
     n: int  # number of rays
     which: int  # int32: the rays of the launch, counted from `first`; 0: all n
     out: int  # int32 per ray from `first` on: its state, or the slot of its nearest hit, NO_HIT or AGAIN
-    counts: int  # int32, PAIRS, REST and WON; lengths of lists may exceed their capacities
+    counts: int  # int32, PAIRS to VISITS; lengths of lists may exceed their capacities
     pairs: int  # int32, (ray from `first` on, slot) of each undecided test; slot -1: the receiver's own surface
     capacity: int  # in pairs
     rest: int  # records that the CPU decides, see `device_kernels`
@@ -155,7 +158,7 @@ def _enter(nodes, node, box, limit):
 
 
 @inlined
-def _filter_triangle(tree, slot):
+def filter_triangle(tree, slot):
     """(`FilterTriangles` of the triangle in a slot, in one lane, its index)."""
     words = f32_at(tree.triangles)
     a, b, c = (
@@ -213,7 +216,7 @@ def walk(tree, r, j, any_hit, work):
     tmin, limit, lower = f(r.ray.tmin), f(r.ray.tmax), _INF
     best = np.int64(CLEAR if any_hit else NO_HIT)
     box, line = _slabs_of(tree, o, d, tmin), _filter_ray(tree, o, d, tmin, limit)
-    stack, height, link = stack_i32(_STACK), 0, np.int64(0)
+    stack, height, link = stack_i32(STACK), 0, np.int64(0)
     while True:
         while link >= 0:
             left, right, left_first = _enter(nodes, link, box, limit)
@@ -230,7 +233,7 @@ def walk(tree, r, j, any_hit, work):
         if link != EMPTY:
             leaf = bvh_leaf(link)
             for slot in range(leaf.first, leaf.first + leaf.count):
-                triangle, prim = _filter_triangle(tree, slot)
+                triangle, prim = filter_triangle(tree, slot)
                 if prim == r.skip:
                     continue
                 tests = filter_hits(line if any_hit else _until(line, limit), triangle)

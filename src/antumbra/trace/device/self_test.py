@@ -7,7 +7,7 @@ directions and lengths. Every kernel takes part. A pass is remembered in the use
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from functools import cache
+from functools import cache, partial
 from hashlib import blake2b
 from itertools import chain
 from pathlib import Path
@@ -31,7 +31,7 @@ from ...kernels.toolchain.kernel_cache import cache_root
 from ...query.light_samples import light_samples
 from ...query.ray_list import HitArrays, RayArguments, hit_arrays, segments_between
 from ...query.receivers import FREE, surface_receivers
-from ...query.shadow_query import ShadowQuery, new_bits
+from ...query.shadow_query import ShadowQuery, new_bits, with_receivers
 from ...scene.lights import Light, QuadLight, SphereLight
 from ...scene.triangle_setup import survey
 from ..rays.ray_batches import RayTracer
@@ -189,7 +189,7 @@ def _cpu_answers(cases: _Cases) -> Iterator[NDArray[np.generic]]:
             if not tracer.trace(rays, any_hit, hits, 1):
                 raise AssertionError("a ray of the self-test is invalid")
             yield from _columns(hits, any_hit)
-        for query in cases.queries:
+        for query, _ in _shadows(cases):
             bits = new_bits(query)
             trace_shadow(as_built(bvh), query, bits, 1)
             yield bits
@@ -201,6 +201,18 @@ def _lists(cases: _Cases) -> Iterator[tuple[RayArguments, bool]]:
     for rays in cases.rays:
         yield rays, True
         yield rays, False
+
+
+def _shadows(cases: _Cases) -> Iterator[tuple[ShadowQuery, bool]]:
+    """(query, whether shafts trace it): receivers in a row; a quarter as a picture, whose tiles share few triangles."""
+    for query in cases.queries:
+        yield query, False
+        yield with_receivers(query, partial(_pictured, np.argsort(query.ids[0], kind="stable")[::4])), True
+
+
+def _pictured(order: NDArray[np.int64], receivers: NDArray[Any]) -> NDArray[Any]:
+    """(8, n, ...): some of the receivers in a row, as pixels."""
+    return receivers[:, order].reshape(8, -1, *receivers.shape[2:])
 
 
 def _columns(hits: HitArrays, any_hit: bool) -> tuple[NDArray[np.generic], ...]:
@@ -238,9 +250,9 @@ def _answers(device: Device, cases: _Cases, capacities: Capacities) -> Iterator[
             tree.move(refit(cases.bvh, cases.moved, 1), cases.moved)
         for rays, any_hit in _lists(cases):
             yield from _columns(tracer.trace_rays(tree, rays, any_hit, 1), any_hit)
-        for query in cases.queries:
+        for query, shafts in _shadows(cases):
             bits = new_bits(query)
-            tracer.trace_shadow(tree, query, bits, 1)
+            tracer.trace_shadow(tree, query, bits, 1, shafts=shafts)
             yield bits
 
 

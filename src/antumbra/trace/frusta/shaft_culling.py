@@ -101,9 +101,9 @@ from ..triangle_tests import (
 
 
 _F = np.float32
-_U = _F(UNITS * 2.0**-24)
+EDGE_UNIT = _F(UNITS * 2.0**-24)  # error of an edge function, per unit of the product of its factors
 MORE = _F(1.0 + 2.0**-18)  # rounding of sums of slack
-_TINY = _F(1e-37)
+UNDERFLOW = _F(1e-37)  # more than the error by underflow of a sum of products
 _ZERO = _F(0.0)
 _CP, _CQ, _N, _T, _K, _KT, _KF, _E, _TE, _WIDE, _SIZE = (16 * i for i in (0, 3, 6, 9, 10, 13, 14, 15, 16, 17, 18))
 CULL_WORK = 19 * 16  # float32 of scratch memory
@@ -132,13 +132,16 @@ def _outside(shafts, group, a, p, q, wide):
 def _slack(n, g_cross_d, receivers, lights, twist, e):
     """Slack of one edge function: (without the contribution of the lights, with it)."""
     # Eq. (6) of docs/design/multifrusta.md
-    common = fma(abs_dot(add3(n, g_cross_d), receivers), splat16(MORE), twist + e)
-    return common, fma(abs_dot(n, lights), splat16(MORE), common)
+    common = fma(abs_dot(add3(n, g_cross_d), receivers), MORE, twist + e)
+    return common, fma(abs_dot(n, lights), MORE, common)
 
 
 @inlined
-def _edges(cp, cq, n, p, q, dn, d, half, receivers, twist, e):
-    """Edge functions along d (3), their slack without the contribution of the lights (3), and with it (3)."""
+def edges_along(cp, cq, n, p, q, dn, d, half, receivers, twist, e):
+    """Edge functions along d (3), their slack without the contribution of the lights (3), and with it (3).
+
+    Vectors of any width, as in `verdict`.
+    """
     # Eq. (5) of docs/design/multifrusta.md
     e2, e1 = dot(cp, d), -dot(cq, d)
     p_d, q_d = cross(p, d), cross(q, d)
@@ -158,8 +161,8 @@ def cull_block(tile, numbers, group, facing, work):
     receivers = broadcasts(info, 3, 1)
     wide = maximum(reach, size) + (receivers.x + receivers.y + receivers.z)
     n, axis, span = cross(p, q), axis_of(shafts, group), get(shafts, SPAN + 1)
-    floor = fma(wide, splat16(_TINY), splat16(_TINY * (span + _F(1.0))))
-    te = fma(size * size * _U, reach + span, floor)
+    floor = fma(wide, splat16(UNDERFLOW), splat16(UNDERFLOW * (span + _F(1.0))))
+    te = fma(size * size * EDGE_UNIT, reach + span, floor)
     d, half = splats(axis.d), splats(axis.half)
     dn, t = dot(n, d), dot(a, n)
     f = t - dn
@@ -172,9 +175,9 @@ def cull_block(tile, numbers, group, facing, work):
     if remaining == 0:
         return remaining
     cp, cq = cross(a, p), cross(a, q)
-    e = fma(size * _U, fma(wide, splat16(span), splat16(axis.lever)), floor)
+    e = fma(size * EDGE_UNIT, fma(wide, splat16(span), splat16(axis.lever)), floor)
     twist = size * (_F(2.0) * axis.twist)
-    on, k, g = _edges(cp, cq, n, p, q, dn, d, half, receivers, twist, e)
+    on, k, g = edges_along(cp, cq, n, p, q, dn, d, half, receivers, twist, e)
     some_up = maximum(maximum(on.x - g.x, on.y - g.y), on.z - g.z) > _ZERO
     some_down = minimum(minimum(on.x + g.x, on.y + g.y), on.z + g.z) < _ZERO
     remaining &= bits(some_up & some_down) ^ 0xFFFF
@@ -288,7 +291,7 @@ def cull_tiles(boxes, targets, numbers, work, i, facing):
     twist = half.x * (receivers.y + receivers.z) + half.y * (receivers.x + receivers.z)
     twist = (twist + half.z * (receivers.x + receivers.y)) * (_F(2.0) * get(work, _SIZE + i))
     dn, t = dot(n, d), dot(a, n)
-    on, _, g = _edges(cross(a, p), cross(a, q), n, p, q, dn, d, half, receivers, twist, e)
+    on, _, g = edges_along(cross(a, p), cross(a, q), n, p, q, dn, d, half, receivers, twist, e)
     kt, kf = fma(abs_dot(n, receivers), splat16(MORE), te), fma(abs_dot(n, half), splat16(MORE), te)
     return verdict(on.x, on.y, on.z, g.x, g.y, g.z, t, kt, t - dn, kf, facing)
 

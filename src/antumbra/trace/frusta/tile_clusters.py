@@ -79,7 +79,7 @@ def runs(layout: RegionLayout) -> int:
 
 
 @inlined
-def _even_bits(code):
+def even_bits(code):
     """Bits 0, 2 and 4 of a number, compacted."""
     return code & 1 | code >> 1 & 2 | code >> 2 & 4
 
@@ -90,7 +90,7 @@ def corner_of(layout, at):
     if layout.rows == 1:
         return 0, at * layout.across
     square, code, across = at >> 6, at & 63, (layout.columns + 7) >> 3
-    by, bx = square // across * 8 + _even_bits(code >> 1), square % across * 8 + _even_bits(code)
+    by, bx = square // across * 8 + even_bits(code >> 1), square % across * 8 + even_bits(code)
     return by * layout.down, bx * layout.across
 
 
@@ -100,8 +100,8 @@ def tile_in(layout, g):
     if layout.down == 1:
         return 0, np.int64(g)
     if layout.rows == 1:  # consecutive regions form a row
-        return _even_bits((g & 15) >> 1), _even_bits(g & 15) + (g >> 4) * layout.across
-    return _even_bits(g >> 1), _even_bits(g)
+        return even_bits((g & 15) >> 1), even_bits(g & 15) + (g >> 4) * layout.across
+    return even_bits(g >> 1), even_bits(g)
 
 
 # --- Coherent parts of an area's tiles --------------------------------------------------------------------------------
