@@ -14,8 +14,10 @@ from ..query.shadow_query import ShadowQuery, ray_count
 from ..scene.resident_triangles import ResidentTriangles
 from ..scene.triangles import Triangles
 from ..techniques.culling.pre_bvh_culling import BoundedSegments
+from ..trace.alpha_cutouts import CutoutTree
 from ..trace.counters import RAYS
 from ..trace.tracer import Bits, Counters, Tracer, TracerState
+from ..trace.transmission import Shares
 from .method_registry import register_family
 
 DEVICE = "device"
@@ -62,6 +64,14 @@ class OnDevice(TracerState):
 
     def begin(self) -> None:
         """Begin a frame; nothing changes on the device."""
+
+    def add_shadows(self, cutouts: CutoutTree, query: ShadowQuery, bits: Bits, threads: int) -> None:
+        """Set the bits of samples whose light cut-outs block, as `alpha_cutouts.add_shadows`."""
+        self.tracer.add_shadows(cutouts, query, bits, threads)
+
+    def shares(self, cutouts: CutoutTree, query: ShadowQuery, bits: Bits, threads: int) -> Shares:
+        """The light that comes through cut-outs, as `transmission.shares_of`."""
+        return cast(Shares, self.tracer.shares(cutouts, query, bits, threads))
 
 
 class OnDeviceTracer(Tracer):

@@ -5,6 +5,7 @@ again, fewer at a time; if that hardly gets on, the CPU traces them.
 """
 
 import threading
+from collections.abc import Iterator
 from math import prod
 from typing import Any, NamedTuple
 
@@ -22,7 +23,9 @@ from ...kernels.parallel import new_ticket, run
 from ...query.ray_list import HitArrays, RayArguments, RayArrays, hit_arrays
 from ...query.shadow_query import ShadowQuery
 from ...scene.lights import AMBIENT
+from ..alpha_cutouts import CutoutTree
 from . import settling
+from .device_cutouts import DeviceCutouts
 from .device_kernels import RECORD, HitBuffers
 from .device_launches import DeviceLaunches
 from .device_rays import AGAIN, BLOCKED, CLEAR, TRACED, DevicePatch, RayBuffers, SampleBuffers, pack_receivers
@@ -33,6 +36,10 @@ from .tree_build import BuiltTree, source_of
 
 CHUNK = 1 << 24
 """Largest number of rays traced together."""
+
+
+_SUMS_AT_ONCE = 1 << 22
+"""Largest number of segments whose depths are kept together, 16 bytes each."""
 
 
 class Capacities(NamedTuple):
@@ -87,6 +94,7 @@ class DeviceTracer:
     def __init__(self, device: Device, capacities: Capacities = CAPACITIES) -> None:
         self.device, self._capacities = device, capacities
         self.launches = DeviceLaunches(device)
+        self.cutouts = DeviceCutouts(self.launches)
         self.undecided = self.on_cpu = 0
         self._receivers: NDArray[np.float32] | None = None  # on the host, where copies to the device are fast
         self._corners: tuple[object, object, DeviceMemory] | None = None  # owner and place on the host, and the copy
@@ -146,8 +154,18 @@ class DeviceTracer:
 
     # --- Queries ------------------------------------------------------------------------------------------------------
 
-    def trace_rays(self, tree: DeviceTree, rays: RayArguments, any_hit: bool, threads: int) -> HitArrays:
-        """The hits of valid rays."""
+    def trace_rays(
+        self,
+        tree: DeviceTree,
+        rays: RayArguments,
+        any_hit: bool,
+        threads: int,
+        cutouts: CutoutTree | None = None,
+    ) -> HitArrays:
+        """The hits of valid rays.
+
+        cutouts : of the scene, which are not in `tree`; None: there are none
+        """
         arrays, out = rays.arrays(), hit_arrays(rays.n, any_hit)
         with self.lock:
             for first in range(0, rays.n, CHUNK):
@@ -155,13 +173,20 @@ class DeviceTracer:
                 n = part.stop - first
                 chunk = self.traced(tree, self._sent(arrays.part(part), rays), n, rays.cull_faces, any_hit, threads)
                 if any_hit:
+                    self._block(chunk, cutouts, threads)
                     out.blocked[part] = np.unpackbits(self._bits(chunk, n), count=n, bitorder="little")
                 else:
-                    self._report_here(tree, chunk, threads, HitArrays(*(a[part] if len(a) else a for a in out)))
+                    here = HitArrays(*(a[part] if len(a) else a for a in out))
+                    self._report_here(tree, chunk, cutouts, here, threads)
         return out
 
     def trace_resident(
-        self, tree: DeviceTree, rays: ResidentRays, any_hit: bool, threads: int
+        self,
+        tree: DeviceTree,
+        rays: ResidentRays,
+        any_hit: bool,
+        threads: int,
+        cutouts: CutoutTree | None = None,
     ) -> tuple[DeviceArray, ...]:
         """The hits of rays on the device, there: blocked, or face, t, u and v, as in `HitArrays`.
 
@@ -174,20 +199,13 @@ class DeviceTracer:
             buffers, n = rays.in_frame(self.launches), rays.n
             chunk = self.traced(tree, buffers, n, rays.cull_faces, any_hit, threads)
             if any_hit:
+                self._block(chunk, cutouts, threads)
                 blocked = self._new("the answers", rays.shape, np.bool_)
                 self.launches.launch("write_blocked", (chunk.work.out, n, blocked.memory.address), n)
                 return (blocked,)
             kinds = np.int32, np.float64, np.float32, np.float32
             hits = tuple(self._new("the hits", rays.shape, kind) for kind in kinds)
-            addresses = HitBuffers(*(each.memory.address for each in hits))
-            records = self._report(tree, chunk, addresses)
-            if len(records):
-                numbers = settling.heads_of(records)[:, settling.RAY], *settling.numbers_of(records, tree.bvh, threads)
-                sent = [
-                    self.launches.sent(f"number {k}", np.ascontiguousarray(each), "the CPU's answers")
-                    for k, each in enumerate(numbers)
-                ]
-                self.launches.launch("write_numbers", (addresses, *sent, len(records)), len(records))
+            self._report(tree, chunk, cutouts, HitBuffers(*(each.memory.address for each in hits)), threads)
             return hits
 
     def _new(self, what: str, shape: tuple[int, ...], dtype: DTypeLike) -> DeviceArray:
@@ -214,18 +232,52 @@ class DeviceTracer:
 
         bits : (h, w, ceil(spp / 64)) uint64
         """
-        spp, receivers = query.samples.shape[1], query.sides.size
-        words = bits.reshape(receivers, -1)
-        at_once = max(CHUNK // spp, 1)
+        spp, words = query.samples.shape[1], bits.reshape(query.sides.size, -1)
         with self.lock:
-            buffers = self._sample_buffers(query, threads)
-            for first in range(0, receivers, at_once):
-                n = min(at_once, receivers - first)
-                chunk = _Chunk(_SAMPLES, buffers, self._work(first * spp, n * spp, query.cull_faces), query)
+            for chunk, rows in self._parts(query, max(CHUNK // spp, 1), threads):
                 self._trace(tree, chunk, threads)
-                words[first : first + n] |= _words_of(self._bits(chunk, n * spp), n, spp)
+                words[rows] |= _words_of(self._bits(chunk, chunk.work.n), len(words[rows]), spp)
                 if progress is not None:
-                    progress(first + n, receivers)
+                    progress(rows.stop, len(words))
+
+    def add_shadows(self, cutouts: CutoutTree, query: ShadowQuery, bits: NDArray[np.uint64], threads: int) -> None:
+        """Set bit s of ``bits[y, x]`` where cut-outs block the light of sample s, as `alpha_cutouts.add_shadows`."""
+        spp, words = query.samples.shape[1], bits.reshape(query.sides.size, -1)
+        with self.lock:
+            for chunk, rows in self._parts(query, max(CHUNK // spp, 1), threads):
+                self.cutouts.sum_depths(cutouts, chunk.rays, chunk.work, words[rows], False, threads)
+                words[rows] |= _words_of(self._bits(chunk, chunk.work.n), len(words[rows]), spp)
+
+    def shares(
+        self, cutouts: CutoutTree, query: ShadowQuery, bits: NDArray[np.uint64], threads: int
+    ) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
+        """The transmittances of receivers to which light comes through cut-outs, for `transmission.transmission`.
+
+        bits : (h, w, ceil(spp / 64)) uint64, the answer to the query, in which cut-outs are included
+
+        Returns
+        -------
+        receivers : (k,) int64, ascending
+        values : (k, spp, channels) float32
+        """
+        spp, words = query.samples.shape[1], bits.reshape(query.sides.size, -1)
+        receivers, values = [np.empty(0, np.intp)], [np.empty((0, spp, cutouts.channels), np.float32)]
+        with self.lock:
+            for chunk, rows in self._parts(query, max(_SUMS_AT_ONCE // spp, 1), threads):
+                depths = self.cutouts.sum_depths(cutouts, chunk.rays, chunk.work, words[rows], True, threads)
+                lit = np.flatnonzero(_words_of(self._bits(chunk, chunk.work.n), len(words[rows]), spp).any(1))
+                if len(lit):
+                    receivers.append(rows.start + lit)
+                    values.append(self.cutouts.shares(depths, lit, cutouts.channels))
+        return np.concatenate(receivers), np.concatenate(values)
+
+    def _parts(self, query: ShadowQuery, at_once: int, threads: int) -> Iterator[tuple[_Chunk, slice]]:
+        """The segments of a query, some receivers at a time; nothing is traced."""
+        buffers, spp, receivers = self._sample_buffers(query, threads), query.samples.shape[1], query.sides.size
+        for first in range(0, receivers, at_once):
+            n = min(at_once, receivers - first)
+            work = self._work(first * spp, n * spp, query.cull_faces)
+            yield _Chunk(_SAMPLES, buffers, work, query), slice(first, first + n)
 
     # --- Uploads ------------------------------------------------------------------------------------------------------
 
@@ -399,21 +451,37 @@ class DeviceTracer:
         self.launches.launch("pack_states", (chunk.work.out, n, out, words), words)
         return self._read("words", (words,), np.int32).view(np.uint8)
 
-    def _report_here(self, tree: DeviceTree, chunk: _Chunk, threads: int, out: HitArrays) -> None:
+    def _block(self, chunk: _Chunk, cutouts: CutoutTree | None, threads: int) -> None:
+        """Mark the rays of a traced chunk that cut-outs block."""
+        if cutouts is not None:
+            assert isinstance(chunk.rays, RayBuffers)
+            self.cutouts.block(cutouts, chunk.rays, chunk.work, threads)
+
+    def _report_here(
+        self, tree: DeviceTree, chunk: _Chunk, cutouts: CutoutTree | None, out: HitArrays, threads: int
+    ) -> None:
         """Write the numbers of a chunk's nearest hits to arrays on the host."""
         arrays = dict(zip(HitBuffers._fields, out[1:]))
         blocks = {name: self.launches.block(name, each.nbytes, "the hits") for name, each in arrays.items()}
-        records = self._report(tree, chunk, HitBuffers(*(each.address for each in blocks.values())))
+        hits = HitBuffers(*(each.address for each in blocks.values()))
+        self._report(tree, chunk, cutouts, hits, threads)
         for name, block in blocks.items():
             block.read(arrays[name])
-        if len(records):
-            rays = settling.heads_of(records)[:, settling.RAY]
-            out.t[rays], out.u[rays], out.v[rays] = settling.numbers_of(records, tree.bvh, threads)
 
-    def _report(self, tree: DeviceTree, chunk: _Chunk, hits: HitBuffers) -> settling.Records:
-        """Write the numbers of a chunk's nearest hits on the device. Return those that the CPU must compute."""
+    def _report(
+        self, tree: DeviceTree, chunk: _Chunk, cutouts: CutoutTree | None, hits: HitBuffers, threads: int
+    ) -> None:
+        """Write the numbers of a chunk's nearest hits on the device."""
+        self._write_numbers(tree, chunk, hits, threads)
+        if cutouts is not None:
+            assert isinstance(chunk.rays, RayBuffers)
+            work = self.cutouts.nearest(cutouts, tree, chunk.rays, chunk.work, hits, threads)
+            self._write_numbers(self.cutouts.tree(cutouts), chunk._replace(work=work), hits, threads)
+
+    def _write_numbers(self, tree: DeviceTree, chunk: _Chunk, hits: HitBuffers, threads: int) -> None:
+        """Write the numbers of hits in one tree, those that the CPU must compute included."""
         work, counts, n = chunk.work, self.launches.block("counts", 0, ""), chunk.work.n
-        records, begin, at_once = [], 0, n
+        begin, at_once = 0, n
         while begin < n:
             k = min(at_once, n - begin)
             counts.fill()
@@ -422,9 +490,15 @@ class DeviceTracer:
             if left > work.rest_capacity:
                 at_once = work.rest_capacity
                 continue
-            records.append(self._read("rest", (left, RECORD), np.float64))
+            if left:
+                records = self._read("rest", (left, RECORD), np.float64)
+                numbers = settling.heads_of(records)[:, settling.RAY], *settling.numbers_of(records, tree.bvh, threads)
+                sent = [
+                    self.launches.sent(f"number {i}", np.ascontiguousarray(each), "the CPU's answers")
+                    for i, each in enumerate(numbers)
+                ]
+                self.launches.launch("write_numbers", (hits, *sent, left), left)
             begin += k
-        return np.concatenate(records) if records else np.empty((0, RECORD))
 
 
 def _three(v: NDArray[np.float64]) -> tuple[float, float, float]:

@@ -8,6 +8,8 @@ Any hit. A ray ends at its first sure hit. Nearest hit. The bounds of each sure 
 others are rivals, which are listed like undecided tests.
 
 A ray that finds the list full stops, and is traced again later.
+
+`walk_candidates` leaves each test that float32 does not exclude to a *visitor*, which decides at once, in float64.
 """
 
 from typing import NamedTuple
@@ -250,5 +252,58 @@ def walk(tree, r, j, any_hit, work):
                     return np.int64(AGAIN)
         if height == 0:
             return best
+        height -= 1
+        link = np.int64(get(stack, height))
+
+
+# --- The walk of a visitor --------------------------------------------------------------------------------------------
+
+
+GO_ON = 0  # a visitor's answer
+
+
+def visit(visitor, r, slot, prim):
+    """In kernels: test the triangle in a slot, whose index is `prim`: GO_ON, or the answer that ends the walk.
+
+    The type of the visitor selects the implementation. Its field `limit` points to a float32, at or behind the largest
+    t of interest, which `visit` may reduce.
+    """
+
+
+@inlined
+def walk_candidates(tree, r, visitor):
+    """Visit the triangles that float32 does not exclude, roughly in the order of t. The last answer of `visit`."""
+    nodes, links, f = f32_at(tree.nodes), i32_at(tree.nodes), np.float32
+    o = f(r.ray.ox), f(r.ray.oy), f(r.ray.oz)
+    d = f(r.ray.dx), f(r.ray.dy), f(r.ray.dz)
+    tmin = f(r.ray.tmin)
+    box, line = _slabs_of(tree, o, d, tmin), _filter_ray(tree, o, d, tmin, f(r.ray.tmax))
+    stack, height, link = stack_i32(_STACK), 0, np.int64(0)
+    while True:
+        while link >= 0:
+            left, right, left_first = _enter(nodes, link, box, get(visitor.limit, 0))
+            left_link, right_link = np.int64(get(links, link_at(link, 0))), np.int64(get(links, link_at(link, 1)))
+            if left and right:
+                put(stack, height, right_link if left_first else left_link)
+                height += 1
+                link = left_link if left_first else right_link
+            elif left or right:
+                link = left_link if left else right_link
+            else:
+                link = np.int64(EMPTY)
+        if link != EMPTY:
+            leaf = bvh_leaf(link)
+            for slot in range(leaf.first, leaf.first + leaf.count):
+                triangle, prim = _filter_triangle(tree, slot)
+                if prim == r.skip:
+                    continue
+                tests = filter_hits(_until(line, get(visitor.limit, 0)), triangle)
+                if tests.hits == 0 and tests.unsure == 0:
+                    continue
+                answer = np.int64(visit(visitor, r, slot, prim))
+                if answer != GO_ON:
+                    return answer
+        if height == 0:
+            return np.int64(GO_ON)
         height -= 1
         link = np.int64(get(stack, height))

@@ -32,10 +32,14 @@ from ...query.light_samples import light_samples
 from ...query.ray_list import HitArrays, RayArguments, hit_arrays, segments_between
 from ...query.receivers import FREE, surface_receivers
 from ...query.shadow_query import ShadowQuery, new_bits
+from ...scene.alpha_masks import AlphaMask, cutouts_of
 from ...scene.lights import Light, QuadLight, SphereLight
+from ...scene.materials import CLAMP, MIRROR, REPEAT
 from ...scene.triangle_setup import survey
+from ..alpha_cutouts import CutoutTree, add_hits, add_shadows, tree_of_cutouts
 from ..rays.ray_batches import RayTracer
 from ..rays.single_rays import as_built, trace_shadow
+from ..transmission import shares_of
 from .device_kernels import KERNELS
 from .device_launches import DeviceLaunches
 from .device_tracer import CAPACITIES, Capacities, DeviceTracer
@@ -286,7 +290,45 @@ def _compared_vertices(device: Device) -> Iterator[Comparison]:
     yield from ((framed.fetch(), expected), (framed.with_area, with_area), (framed.bounds, bounds))
 
 
-COMPARISONS: list[Callable[[Device], Iterator[Comparison]]] = [_compared_trees, _compared_vertices]
+def _masked() -> tuple[Bvh, CutoutTree]:
+    """(solid triangles, cut-outs) of the scene: half of the faces have holes, or are coloured panes."""
+    rng, vertices = np.random.default_rng(58), _cases().vertices
+    holes = AlphaMask(np.uint8(rng.random((16, 16)) < 0.5), np.array([[1.0] * 3, [0.0] * 3]), (REPEAT, MIRROR))
+    pane = AlphaMask(np.zeros((1, 1), np.uint8), np.array([[0.9, 0.6, 0.3]]), (CLAMP, CLAMP))
+    uv = rng.uniform(-2, 3, (len(vertices), 3, 2)).astype(np.float32)
+    cutouts = cutouts_of(uv, rng.choice(np.array([-1, -1, 0, 1], np.int32), len(vertices)), [holes, pane])
+    assert cutouts is not None
+    solid = build(vertices[cutouts.solid], 1)
+    tree = tree_of_cutouts(cutouts, vertices[cutouts.faces], vertices.reshape(-1, 9), 1)
+    return solid._replace(prim_ids=cutouts.solid[solid.prim_ids]), tree
+
+
+def _compared_cutouts(device: Device) -> Iterator[Comparison]:
+    """Hits on faces with holes and panes, and the light that passes through them."""
+    cases, (solid, cutouts) = _cases(), _masked()
+    wide, answers = RayTracer(widen(solid, 1)), []
+    for rays, any_hit in _lists(cases):
+        hits = hit_arrays(rays.n, any_hit)
+        wide.trace(rays, any_hit, hits, 1)
+        add_hits(cutouts, rays.arrays(), rays.cull_faces, any_hit, hits, 1)
+        answers.append(hits)
+    for capacities in _CAPACITIES:
+        tracer = DeviceTracer(device, capacities)
+        tree = tracer.tree(solid)
+        for (rays, any_hit), hits in zip(_lists(cases), answers, strict=True):
+            found = tracer.trace_rays(tree, rays, any_hit, 1, cutouts)
+            yield from zip(_columns(found, any_hit), _columns(hits, any_hit), strict=True)
+        for query in cases.queries:
+            bits = new_bits(query)
+            tracer.trace_shadow(tree, query, bits, 1)
+            with_cutouts = bits.copy()
+            tracer.add_shadows(cutouts, query, with_cutouts, 1)
+            add_shadows(cutouts, query, bits, 1)
+            yield with_cutouts, bits
+            yield from zip(tracer.shares(cutouts, query, bits, 1), shares_of(cutouts, query, bits, 1), strict=True)
+
+
+COMPARISONS: list[Callable[[Device], Iterator[Comparison]]] = [_compared_trees, _compared_vertices, _compared_cutouts]
 """What the self-test compares besides the answers of queries. Modules with other kernels of devices add to it."""
 
 
