@@ -1,9 +1,9 @@
 """Rays, soft shadows and builds on a device beside the CPU, with the bits of both compared first.
 
-    python benchmarks/device.py --device cuda|opencl|host [scene ...] [--part rays|build ...] [--rays N]
-        [--triangles N ...] [--size W H] [--spp N] [--threads N] [--rounds N] [--json FILE|auto]
+    python benchmarks/device.py --device cuda|opencl|host [scene ...] [--part rays|build|cutouts|copies ...]
+        [--rays N] [--triangles N ...] [--size W H] [--spp N] [--threads N] [--rounds N] [--json FILE|auto]
 
-The part `build` is described in device_build.py. The part `rays` follows.
+The part `build` is described in device_build.py, `cutouts` and `copies` in device_surfaces.py. The part `rays` follows.
 
 A scene is sponza_crytek, sanmiguel_lite, bart_robots ($ANTUMBRA_SCENES), forest (procedural), or a file that
 `antumbra.load` reads. Without scenes, all of these that are there.
@@ -43,6 +43,7 @@ import numpy as np
 
 import antumbra
 import device_build
+import device_surfaces
 from antumbra.base.errors import InputError
 from antumbra.devices.arrays import DeviceArray
 from antumbra.devices.device import Device
@@ -57,6 +58,7 @@ from peers import warp_rays
 from peers.ray_contest import query_of
 from views import VIEWS, View, views
 
+PARTS = ["build", *device_surfaces.SCENES, "rays"]
 CPU_PLAN = "bsah+reinsert+multifrusta"
 RESULTS = Path(__file__).resolve().parents[1] / "docs" / "results"
 HEAD = f"{'case':9s} {'method':20s} {'Mrays/s':>9s} {'ms':>9s} {'differs':>8s} {'undecided':>10s} {'on cpu':>8s}"
@@ -269,13 +271,18 @@ def measure(view: View, options: argparse.Namespace) -> Iterator[dict[str, Any]]
 
 def all_rows(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
     """Rows of all parts that were asked for."""
-    chosen = options.part or ["build", "rays"]
+    chosen = options.part or PARTS
     if "build" in chosen:
         tracer = device_tracer(str(parse_plan(f"bsah+device:{options.device}").device))
         how = device_build.Timings(timed, row, options.rounds, thread_count(options.threads))
         for n in options.triangles:
             print(f"\n{n} triangles\n{HEAD.replace('Mrays', '    M')}")
             yield from device_build.rows(tracer, n, options, how)
+    measures = device_surfaces.Measures(timed, row, options.rounds, thread_count(options.threads))
+    for part in (each for each in device_surfaces.SCENES if each in chosen):
+        for n in options.triangles:
+            print(f"\n{part}, {n} triangles\n{HEAD}")
+            yield from device_surfaces.rows(part, n, options, measures)
     if "rays" in chosen:
         for view in views(options.scene, options.size):
             yield from measure(view, options)
@@ -291,7 +298,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scene", nargs="*", help=f"{', '.join(VIEWS)}, or files; default: all of these")
     parser.add_argument("--device", required=True, help="cuda, cuda:1, opencl or host")
-    parser.add_argument("--part", action="append", choices=["rays", "build"], help="default: both")
+    parser.add_argument("--part", action="append", choices=PARTS, help="default: all")
     parser.add_argument("--rays", type=int, default=1 << 23)
     parser.add_argument("--triangles", type=int, nargs="+", default=[10**6, 10**7], help="of builds")
     parser.add_argument("--size", type=int, nargs=2, default=(1024, 1024), metavar=("W", "H"))

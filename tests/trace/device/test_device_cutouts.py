@@ -5,6 +5,7 @@ import pytest
 
 import antumbra as at
 from antumbra.engine import accelerator
+from antumbra.engine.device_tracers import device_tracer
 from antumbra.engine.engine import Engine
 from antumbra.query.light_samples import light_samples
 from antumbra.query.ray_list import HitFilter, rays_of
@@ -78,7 +79,7 @@ def test_hits_on_texels_are_those_of_the_cpu(tracer, cull_faces):
         np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name), err_msg=name)
     blocked = tracer.trace_rays(tree, rays, True, 2, cutouts).blocked
     np.testing.assert_array_equal(blocked, theirs.face >= 0)
-    assert np.isin(theirs.face, scene.data.cutouts.faces).mean() > 0.1 and 0.1 < blocked.mean() < 0.9
+    assert np.isin(theirs.face, scene.data.cutouts.faces).mean() > 0.05 and 0.1 < blocked.mean() < 0.9
     assert tracer.cutouts.on_cpu - before > 3  # along edges, only exact arithmetic decides
 
 
@@ -123,6 +124,7 @@ def test_engines_trace_no_cut_out_on_the_cpu(plan, monkeypatch):
     scene, light = with_masks(60, [*MASKS, *SHARES]), LIGHTS["quad"]
     points = np.random.default_rng(3).uniform((-3, -0.9, -3), (3, 2, 3), (50, 3))
     expected = at.visibility(scene, points, light, spp=8, plan="bsah+single")
+    device_tracer(plan.split("device:")[1])  # takes its self-test, in which the CPU takes part
     for module, name in (accelerator, "add_shadows"), (accelerator, "shares_of"), (alpha_cutouts, "add_nearest"):
         monkeypatch.setattr(module, name, None)
     found = at.visibility(scene, points, light, spp=8, plan=plan)

@@ -5,6 +5,7 @@ import pytest
 
 import antumbra as at
 from antumbra.engine.engine import Engine
+from antumbra.query.light_samples import light_samples
 from antumbra.query.ray_list import HitFilter, rays_of
 from antumbra.query.shadow_query import new_bits
 from antumbra.trace.device.device_instances import ForestTracer
@@ -72,8 +73,6 @@ def test_samples_are_occluded_where_flattened_copies_occlude_them(tracer, spp):
     points = rng.integers(-9, 9, (60, 3)) + rng.choice([0.0, 0.5, 0.25], (60, 3))
     normals = rng.normal(size=(60, 3))
     receivers = at.Receivers.of(points, normals, inside.origin, inside.middle)
-    from antumbra.query.light_samples import light_samples
-
     query = inside.engine.queries(receivers, [LIGHT], [light_samples(LIGHT, spp)])[0]
     expected = flat.engine.shadows(receivers, [LIGHT], [light_samples(LIGHT, spp)])[0].bits
     bits = new_bits(query)
@@ -83,7 +82,7 @@ def test_samples_are_occluded_where_flattened_copies_occlude_them(tracer, spp):
 
 
 def test_the_cpu_traces_only_rays_that_float64_leaves_open(device):
-    inside, flat = random_scenes()
+    inside, _ = random_scenes()
     tracer, rng = ForestTracer(DeviceTracer(device)), np.random.default_rng(4)
     low, high = np.asarray(inside.bounds)
     origins, targets = low + rng.random((2, 400, 3)) * (high - low)
@@ -118,6 +117,7 @@ def test_engines_trace_instances_on_devices_without_flattening_them(plan, scenes
 def test_pictures_of_instances_have_their_shadows_from_the_device(plan):
     inside, flat = whole_scenes(1)
     camera = at.Camera((0, 12, 24), (0, 0, 0), width=24, height=18)
-    frames = [at.render(inside, camera, LIGHT, spp=4, plan=plan), at.render(flat, camera, LIGHT, spp=4, plan="bsah+single")]
+    plans = (inside, plan), (flat, "bsah+single")
+    frames = [at.render(scene, camera, LIGHT, spp=4, plan=each) for scene, each in plans]
     np.testing.assert_array_equal(frames[0].bits[0], frames[1].bits[0])
     assert frames[0].plan == plan and "_flat" not in vars(inside.data) and frames[1].bits[0].any()

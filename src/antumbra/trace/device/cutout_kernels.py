@@ -36,10 +36,7 @@ from .device_kernels import (
     side_of_hit,
 )
 from .device_rays import BLOCKED, CLEAR, TRACED, ray_at
-from .device_traversal import GO_ON, PRIM, TRIANGLE, TreeBuffers, visit, walk_candidates
-
-UNDECIDED = 3
-"""The answer of a visitor that leaves the ray to the CPU."""
+from .device_traversal import GO_ON, PRIM, TRIANGLE, UNDECIDED, TreeBuffers, visit, walk_candidates
 
 KEPT = -3
 """Instead of the slot of a cut-out: the hit on a solid triangle, or the miss, stands."""

@@ -4,7 +4,6 @@ The kernels are in `cutout_kernels`. A ray that float64 leaves undecided is trac
 which sends its answer.
 """
 
-from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,10 +20,10 @@ from ..alpha_cutouts import CutoutTree, DepthSum, sum_depths, texel_pointers
 from ..rays.ray_traversal import CLOSEST, walk
 from ..transmission import POWERS
 from .cutout_kernels import KEPT, SUMS, CutoutBuffers, CutoutWork, ShareBuffers
-from .device_kernels import RECORD, HitBuffers
+from .device_kernels import HitBuffers
 from .device_launches import DeviceLaunches
 from .device_rays import BLOCKED, CLEAR, RayBuffers, SampleBuffers
-from .device_traversal import REST, Work
+from .device_traversal import Work
 from .device_tree import DeviceTree, UploadedTree
 from .settling import BEST, RAY, SKIP, Records, heads_of, ray_of
 
@@ -78,6 +77,33 @@ def _find_first(ticket, rest, bvh, texels, solid, found):
         found[k] = slot if slot >= 0 else KEPT
 
 
+def _rest(records: Records, cull_faces: int) -> _Rest:
+    return _Rest(records, heads_of(records), cull_faces)
+
+
+def blocked_by_texels(records: Records, cutouts: CutoutTree, cull_faces: int, threads: int) -> NDArray[np.bool_]:
+    """(m,) bool: whether texels block recorded rays that closest hits meet."""
+    blocked, ticket = np.empty(len(records), np.bool_), new_ticket(len(records), _CHUNK)
+    run(_find_blocked, threads, ticket, _rest(records, cull_faces), cutouts.bvh, cutouts.texels, blocked)
+    return blocked
+
+
+def depths_along(records: Records, cutouts: CutoutTree, cull_faces: int, threads: int) -> NDArray[np.int32]:
+    """(m, SUMS) int32: the depths along recorded rays, and 1 for each that meets a cut-out."""
+    sums, ticket = np.empty((len(records), SUMS), np.int32), new_ticket(len(records), _CHUNK)
+    run(_add_depths, threads, ticket, _rest(records, cull_faces), cutouts.bvh, cutouts.texels, sums)
+    return sums
+
+
+def first_cutouts(
+    records: Records, cutouts: CutoutTree, solid: Bvh, cull_faces: int, threads: int
+) -> NDArray[np.int32]:
+    """(m,) int32: slots of the cut-outs that recorded rays hit first; KEPT if a triangle of `solid`, or none, is."""
+    found, ticket = np.empty(len(records), np.int32), new_ticket(len(records), _CHUNK)
+    run(_find_first, threads, ticket, _rest(records, cull_faces), cutouts.bvh, cutouts.texels, solid, found)
+    return found
+
+
 # --- On the device ----------------------------------------------------------------------------------------------------
 
 
@@ -113,49 +139,23 @@ class DeviceCutouts:
             arrays = [device.upload(np.ascontiguousarray(each), "the alpha masks") for each in texels[:-1]]
             kept = self._uploaded = _Uploaded(cutouts.bvh, UploadedTree(cutouts.bvh, self.launches), arrays)
         depths = self.launches.sent("depths", np.ascontiguousarray(texels.depths), "the alpha masks")
-        return CutoutBuffers(kept.tree.buffers, *(each.address for each in kept.arrays), depths)
+        uv, mask, shapes, first, words, rows = (each.address for each in kept.arrays)
+        return CutoutBuffers(kept.tree.buffers, uv, mask, shapes, first, words, rows, depths)
 
     def tree(self, cutouts: CutoutTree) -> UploadedTree:
         """The tree of the latest cut-outs."""
         assert self._uploaded is not None and self._uploaded.bvh is cutouts.bvh
         return self._uploaded.tree
 
-    def _left_over(self, name: str, arguments: Callable[[int, int], tuple[Any, ...]], work: Work) -> Iterator[Records]:
-        """Launch a kernel for all rays of `work`, and yield the records of those that are left to the CPU.
-
-        arguments : those for n rays from the first on, by (first, n)
-        """
-        counts, begin, at_once = self.launches.block("counts", 0, ""), 0, work.n
-        while begin < work.n:
-            n = min(at_once, work.n - begin)
-            counts.fill()
-            self.launches.launch(name, arguments(begin, n), n)
-            left = int(counts.read(np.empty(4, np.int32))[REST])
-            if left > work.rest_capacity:
-                at_once = work.rest_capacity  # the same rays again, which is why kernels change nothing that they read
-                continue
-            if left:
-                self.on_cpu += left
-                yield self.launches.block("rest", 0, "").read(np.empty((left, RECORD)))
-            begin += n
-
-    def _mark(self, out: int, at: NDArray[np.int64], values: NDArray[Any]) -> None:
-        """Write int32 values to elements of an array on the device."""
-        if len(at):
-            marks = self.launches.sent("marks", np.stack([at, values], 1).astype(np.int32), "the CPU's answers")
-            self.launches.launch("mark_rays", (out, marks, len(at)), len(at))
-
     def block(self, cutouts: CutoutTree, rays: RayBuffers, work: Work, threads: int) -> None:
         """Change the states of rays in `work.out` to BLOCKED where texels block them that closest hits meet."""
         buffers = self._buffers(cutouts)
-        for records in self._left_over(
+        for records in self.launches.left_over(
             "block_rays", lambda first, n: (buffers, rays, work, CutoutWork(first, n)), work
         ):
-            rest, blocked = _Rest(records, heads_of(records), work.cull_faces), np.empty(len(records), np.bool_)
-            ticket = new_ticket(len(records), _CHUNK)
-            run(_find_blocked, threads, ticket, rest, cutouts.bvh, cutouts.texels, blocked)
-            rows = rest.heads[blocked, RAY].astype(np.int64)
-            self._mark(work.out, rows, np.full(len(rows), BLOCKED))
+            self.on_cpu += len(records)
+            rows = heads_of(records)[blocked_by_texels(records, cutouts, work.cull_faces, threads), RAY]
+            self.launches.mark(work.out, rows, np.full(len(rows), BLOCKED))
 
     def nearest(
         self, cutouts: CutoutTree, solid: DeviceTree, rays: RayBuffers, work: Work, hits: HitBuffers, threads: int
@@ -170,11 +170,10 @@ class DeviceCutouts:
         def arguments(first: int, n: int) -> tuple[Any, ...]:
             return solid.buffers, buffers, rays, work, hits, CutoutWork(first, n, found)
 
-        for records in self._left_over("find_nearest", arguments, work):
-            rest, slots = _Rest(records, heads_of(records), work.cull_faces), np.empty(len(records), np.int32)
-            ticket = new_ticket(len(records), _CHUNK)
-            run(_find_first, threads, ticket, rest, cutouts.bvh, cutouts.texels, solid.bvh, slots)
-            self._mark(found, rest.heads[:, RAY].astype(np.int64), slots)
+        for records in self.launches.left_over("find_nearest", arguments, work):
+            self.on_cpu += len(records)
+            slots = first_cutouts(records, cutouts, solid.bvh, work.cull_faces, threads)
+            self.launches.mark(found, heads_of(records)[:, RAY], slots)
         return work._replace(out=found)
 
     def sum_depths(
@@ -200,15 +199,14 @@ class DeviceCutouts:
         def arguments(first: int, n: int) -> tuple[Any, ...]:
             return buffers, samples, work, part._replace(first=first, n=n)
 
-        for records in self._left_over("sum_depths_of_samples", arguments, work):
-            rest, depths = _Rest(records, heads_of(records), work.cull_faces), np.empty((len(records), SUMS), np.int32)
-            ticket = new_ticket(len(records), _CHUNK)
-            run(_add_depths, threads, ticket, rest, cutouts.bvh, cutouts.texels, depths)
-            rows = rest.heads[:, RAY].astype(np.int64)
+        for records in self.launches.left_over("sum_depths_of_samples", arguments, work):
+            self.on_cpu += len(records)
+            rays, depths = heads_of(records)[:, RAY], depths_along(records, cutouts, work.cull_faces, threads)
             state = depths[:, 3] > 0 if keep else (depths[:, :3] > DARK).all(1)
-            self._mark(work.out, rows, np.where(state, BLOCKED, CLEAR))
+            self.launches.mark(work.out, rays, np.where(state, BLOCKED, CLEAR))
             if keep:
-                self._mark(sums, (SUMS * rows[:, None] + np.arange(SUMS)).reshape(-1), depths.reshape(-1))
+                places = SUMS * rays.astype(np.int64)[:, None] + np.arange(SUMS)
+                self.launches.mark(sums, places.reshape(-1), depths.reshape(-1))
         return SampleDepths(work, part, samples.spp)
 
     def shares(self, depths: SampleDepths, receivers: NDArray[np.int64], channels: int) -> NDArray[np.float32]:

@@ -62,6 +62,19 @@ def _trace_rest(ticket, rest, arrays, hits):
             hits.u[k], hits.v[k] = single_weights(ray, hit.corners, BEST)
 
 
+def traced_rays(
+    records: settling.Records, trees: InstanceTrees, cull_faces: int, any_hit: bool, threads: int
+) -> HitArrays:
+    """The hits of recorded rays. face is -1 on a miss, also for any hit; t, u and v are those of nearest hits."""
+    hits, ticket = hit_arrays(len(records), False), new_ticket(len(records), _CHUNK)
+    hits.t.fill(np.inf)
+    hits.u.fill(0.0)
+    hits.v.fill(0.0)
+    rest = _Rest(records, settling.heads_of(records), cull_faces, any_hit)
+    run(_trace_rest, threads, ticket, rest, trees.arrays, hits)
+    return hits
+
+
 # --- Uploads ----------------------------------------------------------------------------------------------------
 
 
@@ -95,7 +108,11 @@ class DeviceForest:
             TreeBuffers(nodes, 0, reach_of_root(top.nodes[0])),
             copies,
             self._sent(words),
-            *(self._sent(each) for each in (arrays.mesh, arrays.matrices, arrays.maps, arrays.rows, arrays.starts)),
+            self._sent(arrays.mesh),
+            self._sent(arrays.matrices),
+            self._sent(arrays.maps),
+            self._sent(arrays.rows),
+            self._sent(arrays.starts),
             self._sent(arrays.origin),
         )
 
@@ -134,7 +151,7 @@ class ForestTracer:
             for first in range(0, rays.n, CHUNK):
                 part = slice(first, min(first + CHUNK, rays.n))
                 n = part.stop - first
-                chunk = self._tracer.chunk_of(arrays.part(part), rays, n, any_hit)
+                chunk = self._tracer.chunk_of(arrays.part(part), rays, any_hit)
                 if any_hit:
                     self._block(forest, chunk, "block_by_copies", threads)
                     out.blocked[part] = np.unpackbits(self._tracer.bits(chunk, n), count=n, bitorder="little")
@@ -168,7 +185,8 @@ class ForestTracer:
 
         for records in self.launches.left_over(name, arguments, work):
             heads = settling.heads_of(records)
-            blocked = self._traced(forest, records, work.cull_faces, True, threads).face >= 0
+            self.on_cpu += len(records)
+            blocked = traced_rays(records, forest.trees, work.cull_faces, True, threads).face >= 0
             blocked &= heads[:, settling.STATE] == TRACED
             if chunk.query is not None:
                 numbers = work.first + heads[:, settling.RAY].astype(np.int64)
@@ -185,23 +203,11 @@ class ForestTracer:
             return forest.buffers, chunk.rays, chunk.work, hits, Part(first, n)
 
         for records in self.launches.left_over("nearest_in_copies", arguments, chunk.work):
-            found = self._traced(forest, records, chunk.work.cull_faces, False, threads)
+            self.on_cpu += len(records)
+            found = traced_rays(records, forest.trees, chunk.work.cull_faces, False, threads)
             rest.append((settling.heads_of(records)[:, settling.RAY], found))
         for name, block in blocks.items():
             block.read(arrays[name])
         for rays, found in rest:
             for array, numbers in zip(out[1:], found[1:]):
                 array[rays] = numbers
-
-    def _traced(
-        self, forest: DeviceForest, records: settling.Records, cull_faces: int, any_hit: bool, threads: int
-    ) -> HitArrays:
-        """The hits of recorded rays, by the CPU; face -1 for a miss, also for any hit."""
-        self.on_cpu += len(records)
-        hits, ticket = hit_arrays(len(records), False), new_ticket(len(records), _CHUNK)
-        hits.t.fill(np.inf)
-        hits.u.fill(0.0)
-        hits.v.fill(0.0)
-        rest = _Rest(records, settling.heads_of(records), cull_faces, any_hit)
-        run(_trace_rest, threads, ticket, rest, forest.trees.arrays, hits)
-        return hits

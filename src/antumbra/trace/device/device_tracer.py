@@ -7,7 +7,7 @@ again, fewer at a time; if that hardly gets on, the CPU traces them.
 import threading
 from collections.abc import Iterator
 from math import prod
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -67,7 +67,7 @@ _SAMPLES = _Kind("trace_samples", "settle_samples", "record_samples", True)
 _NEAREST = _Kind("trace_nearest", "settle_nearest", "record_rays", False)
 
 
-class _Chunk(NamedTuple):
+class Chunk(NamedTuple):
     """A chunk of rays that is being traced."""
 
     kind: _Kind
@@ -171,10 +171,11 @@ class DeviceTracer:
             for first in range(0, rays.n, CHUNK):
                 part = slice(first, min(first + CHUNK, rays.n))
                 n = part.stop - first
-                chunk = self.traced(tree, self._sent(arrays.part(part), rays), n, rays.cull_faces, any_hit, threads)
+                chunk = self.chunk_of(arrays.part(part), rays, any_hit)
+                self._trace(tree, chunk, threads)
                 if any_hit:
                     self._block(chunk, cutouts, threads)
-                    out.blocked[part] = np.unpackbits(self._bits(chunk, n), count=n, bitorder="little")
+                    out.blocked[part] = np.unpackbits(self.bits(chunk, n), count=n, bitorder="little")
                 else:
                     here = HitArrays(*(a[part] if len(a) else a for a in out))
                     self._report_here(tree, chunk, cutouts, here, threads)
@@ -214,9 +215,9 @@ class DeviceTracer:
 
     def traced(
         self, tree: DeviceTree, rays: RayBuffers, n: int, cull_faces: int, any_hit: bool, threads: int
-    ) -> "_Chunk":
+    ) -> "Chunk":
         """Trace n rays of buffers on the device. Their states or slots are at `out` of the work."""
-        chunk = _Chunk(_ANY if any_hit else _NEAREST, rays, self._work(0, n, cull_faces), None)
+        chunk = Chunk(_ANY if any_hit else _NEAREST, rays, self._work(0, n, cull_faces), None)
         self._trace(tree, chunk, threads)
         return chunk
 
@@ -234,9 +235,9 @@ class DeviceTracer:
         """
         spp, words = query.samples.shape[1], bits.reshape(query.sides.size, -1)
         with self.lock:
-            for chunk, rows in self._parts(query, max(CHUNK // spp, 1), threads):
+            for chunk, rows in self.parts(query, max(CHUNK // spp, 1), threads):
                 self._trace(tree, chunk, threads)
-                words[rows] |= _words_of(self._bits(chunk, chunk.work.n), len(words[rows]), spp)
+                words[rows] |= words_of(self.bits(chunk, chunk.work.n), len(words[rows]), spp)
                 if progress is not None:
                     progress(rows.stop, len(words))
 
@@ -244,9 +245,9 @@ class DeviceTracer:
         """Set bit s of ``bits[y, x]`` where cut-outs block the light of sample s, as `alpha_cutouts.add_shadows`."""
         spp, words = query.samples.shape[1], bits.reshape(query.sides.size, -1)
         with self.lock:
-            for chunk, rows in self._parts(query, max(CHUNK // spp, 1), threads):
-                self.cutouts.sum_depths(cutouts, chunk.rays, chunk.work, words[rows], False, threads)
-                words[rows] |= _words_of(self._bits(chunk, chunk.work.n), len(words[rows]), spp)
+            for chunk, rows in self.parts(query, max(CHUNK // spp, 1), threads):
+                self.cutouts.sum_depths(cutouts, _samples_of(chunk), chunk.work, words[rows], False, threads)
+                words[rows] |= words_of(self.bits(chunk, chunk.work.n), len(words[rows]), spp)
 
     def shares(
         self, cutouts: CutoutTree, query: ShadowQuery, bits: NDArray[np.uint64], threads: int
@@ -263,21 +264,26 @@ class DeviceTracer:
         spp, words = query.samples.shape[1], bits.reshape(query.sides.size, -1)
         receivers, values = [np.empty(0, np.intp)], [np.empty((0, spp, cutouts.channels), np.float32)]
         with self.lock:
-            for chunk, rows in self._parts(query, max(_SUMS_AT_ONCE // spp, 1), threads):
-                depths = self.cutouts.sum_depths(cutouts, chunk.rays, chunk.work, words[rows], True, threads)
-                lit = np.flatnonzero(_words_of(self._bits(chunk, chunk.work.n), len(words[rows]), spp).any(1))
+            for chunk, rows in self.parts(query, max(_SUMS_AT_ONCE // spp, 1), threads):
+                depths = self.cutouts.sum_depths(cutouts, _samples_of(chunk), chunk.work, words[rows], True, threads)
+                lit = np.flatnonzero(words_of(self.bits(chunk, chunk.work.n), len(words[rows]), spp).any(1))
                 if len(lit):
                     receivers.append(rows.start + lit)
                     values.append(self.cutouts.shares(depths, lit, cutouts.channels))
         return np.concatenate(receivers), np.concatenate(values)
 
-    def _parts(self, query: ShadowQuery, at_once: int, threads: int) -> Iterator[tuple[_Chunk, slice]]:
+    def chunk_of(self, arrays: RayArrays, rays: RayArguments, any_hit: bool) -> Chunk:
+        """A part of a ray list, sent to the device; nothing is traced."""
+        work = self._work(0, len(arrays.origins), rays.cull_faces)
+        return Chunk(_ANY if any_hit else _NEAREST, self._sent(arrays, rays), work, None)
+
+    def parts(self, query: ShadowQuery, at_once: int, threads: int) -> Iterator[tuple[Chunk, slice]]:
         """The segments of a query, some receivers at a time; nothing is traced."""
         buffers, spp, receivers = self._sample_buffers(query, threads), query.samples.shape[1], query.sides.size
         for first in range(0, receivers, at_once):
             n = min(at_once, receivers - first)
             work = self._work(first * spp, n * spp, query.cull_faces)
-            yield _Chunk(_SAMPLES, buffers, work, query), slice(first, first + n)
+            yield Chunk(_SAMPLES, buffers, work, query), slice(first, first + n)
 
     # --- Uploads ------------------------------------------------------------------------------------------------------
 
@@ -355,7 +361,7 @@ class DeviceTracer:
     def _counts(self) -> NDArray[np.int32]:
         return self._read("counts", (4,), np.int32)
 
-    def _trace(self, tree: DeviceTree, chunk: _Chunk, threads: int) -> None:
+    def _trace(self, tree: DeviceTree, chunk: Chunk, threads: int) -> None:
         """Trace a chunk of rays and decide all their tests. Their states or slots stay on the device."""
         waiting = self._round(tree, chunk, None, threads)
         at_once = 2 * (chunk.work.n - len(waiting))
@@ -368,7 +374,7 @@ class DeviceTracer:
             at_once, waiting = 2 * (len(now) - len(full)), np.concatenate([full, later])
 
     def _round(
-        self, tree: DeviceTree, chunk: _Chunk, which: NDArray[np.int32] | None, threads: int
+        self, tree: DeviceTree, chunk: Chunk, which: NDArray[np.int32] | None, threads: int
     ) -> NDArray[np.int32]:
         """Trace some rays of a chunk, or all, and decide their tests. Return those that found the list full."""
         work, counts, n = chunk.work, self.launches.block("counts", 0, ""), chunk.work.n
@@ -385,7 +391,7 @@ class DeviceTracer:
         states = self._read("out", (chunk.work.n,), np.int32)
         return np.flatnonzero(states == AGAIN).astype(np.int32) if which is None else which[states[which] == AGAIN]
 
-    def _settle(self, tree: DeviceTree, chunk: _Chunk, pairs: int, threads: int) -> None:
+    def _settle(self, tree: DeviceTree, chunk: Chunk, pairs: int, threads: int) -> None:
         """Decide the listed tests: in float64 on the device, and what is left on the CPU."""
         work, counts, begin, at_once = chunk.work, self.launches.block("counts", 0, ""), 0, pairs
         while begin < pairs:
@@ -404,7 +410,7 @@ class DeviceTracer:
                 self._decide(tree, chunk, self._read("rest", (left, RECORD), np.float64), threads)
             begin += n
 
-    def _decide(self, tree: DeviceTree, chunk: _Chunk, records: settling.Records, threads: int) -> None:
+    def _decide(self, tree: DeviceTree, chunk: Chunk, records: settling.Records, threads: int) -> None:
         """Decide tests on the CPU, and send the answers."""
         work = chunk.work
         if chunk.kind.any_hit:
@@ -415,12 +421,9 @@ class DeviceTracer:
 
     def _mark(self, rays: NDArray[np.int32], values: NDArray[np.int32]) -> None:
         """Write the states of some rays, or the slots of their hits."""
-        if len(rays):
-            marks = self.launches.sent("marks", np.stack([rays, values], 1).astype(np.int32), "the CPU's answers")
-            out = self.launches.block("out", 0, "").address
-            self.launches.launch("mark_rays", (out, marks, len(rays)), len(rays))
+        self.launches.mark(self.launches.block("out", 0, "").address, rays, values)
 
-    def _trace_on_cpu(self, tree: DeviceTree, chunk: _Chunk, rays: NDArray[np.int32], threads: int) -> None:
+    def _trace_on_cpu(self, tree: DeviceTree, chunk: Chunk, rays: NDArray[np.int32], threads: int) -> None:
         """Trace rays whose undecided tests do not fit the list."""
         work = chunk.work._replace(which=self.launches.sent("which", rays, "the rays"))
         for begin in range(0, len(rays), work.rest_capacity):
@@ -429,7 +432,7 @@ class DeviceTracer:
             records = self._read("rest", (n, RECORD), np.float64)
             self._mark(rays[begin : begin + n], self._answers(tree, chunk, records, threads))
 
-    def _answers(self, tree: DeviceTree, chunk: _Chunk, records: settling.Records, threads: int) -> NDArray[np.int32]:
+    def _answers(self, tree: DeviceTree, chunk: Chunk, records: settling.Records, threads: int) -> NDArray[np.int32]:
         """The states of recorded rays, or the slots of their nearest hits, by the CPU's walk."""
         work, any_hit = chunk.work, chunk.kind.any_hit
         slots = settling.traced_rays(records, tree.bvh, work.cull_faces, any_hit, threads)
@@ -444,21 +447,21 @@ class DeviceTracer:
 
     # --- Reports ------------------------------------------------------------------------------------------------------
 
-    def _bits(self, chunk: _Chunk, n: int) -> NDArray[np.uint8]:
+    def bits(self, chunk: Chunk, n: int) -> NDArray[np.uint8]:
         """Bits of n segments of a chunk, whether each is blocked; in bytes, the first bit of a byte first."""
         words = -(-n // 32)
         out = self.launches.block("words", 4 * words, "the bits of the answers").address
         self.launches.launch("pack_states", (chunk.work.out, n, out, words), words)
         return self._read("words", (words,), np.int32).view(np.uint8)
 
-    def _block(self, chunk: _Chunk, cutouts: CutoutTree | None, threads: int) -> None:
+    def _block(self, chunk: Chunk, cutouts: CutoutTree | None, threads: int) -> None:
         """Mark the rays of a traced chunk that cut-outs block."""
         if cutouts is not None:
             assert isinstance(chunk.rays, RayBuffers)
             self.cutouts.block(cutouts, chunk.rays, chunk.work, threads)
 
     def _report_here(
-        self, tree: DeviceTree, chunk: _Chunk, cutouts: CutoutTree | None, out: HitArrays, threads: int
+        self, tree: DeviceTree, chunk: Chunk, cutouts: CutoutTree | None, out: HitArrays, threads: int
     ) -> None:
         """Write the numbers of a chunk's nearest hits to arrays on the host."""
         arrays = dict(zip(HitBuffers._fields, out[1:]))
@@ -469,7 +472,7 @@ class DeviceTracer:
             block.read(arrays[name])
 
     def _report(
-        self, tree: DeviceTree, chunk: _Chunk, cutouts: CutoutTree | None, hits: HitBuffers, threads: int
+        self, tree: DeviceTree, chunk: Chunk, cutouts: CutoutTree | None, hits: HitBuffers, threads: int
     ) -> None:
         """Write the numbers of a chunk's nearest hits on the device."""
         self._write_numbers(tree, chunk, hits, threads)
@@ -478,7 +481,7 @@ class DeviceTracer:
             work = self.cutouts.nearest(cutouts, tree, chunk.rays, chunk.work, hits, threads)
             self._write_numbers(self.cutouts.tree(cutouts), chunk._replace(work=work), hits, threads)
 
-    def _write_numbers(self, tree: DeviceTree, chunk: _Chunk, hits: HitBuffers, threads: int) -> None:
+    def _write_numbers(self, tree: DeviceTree, chunk: Chunk, hits: HitBuffers, threads: int) -> None:
         """Write the numbers of hits in one tree, those that the CPU must compute included."""
         work, counts, n = chunk.work, self.launches.block("counts", 0, ""), chunk.work.n
         begin, at_once = 0, n
@@ -501,11 +504,15 @@ class DeviceTracer:
             begin += k
 
 
+def _samples_of(chunk: Chunk) -> SampleBuffers:
+    return cast(SampleBuffers, chunk.rays)
+
+
 def _three(v: NDArray[np.float64]) -> tuple[float, float, float]:
     return float(v[0]), float(v[1]), float(v[2])
 
 
-def _words_of(bits: NDArray[np.uint8], n: int, spp: int) -> NDArray[Any]:
+def words_of(bits: NDArray[np.uint8], n: int, spp: int) -> NDArray[Any]:
     """(n, ceil(spp / 64)) unsigned: the bits of n receivers, spp each, that follow each other without gaps."""
     if spp in (8, 16, 32):
         return bits[: n * spp // 8].view(f"<u{spp // 8}")[:, None]

@@ -105,7 +105,7 @@ class _Axis(NamedTuple):
     back: bool  # whether it enters through upper planes
 
 
-class _Slabs(NamedTuple):
+class Slabs(NamedTuple):
     """A ray prepared for boxes."""
 
     x: _Axis
@@ -115,19 +115,24 @@ class _Slabs(NamedTuple):
 
 
 @inlined
-def _axis_of(o, d, reach, along, turn, fits):
-    inverse, near, far = plane_offsets(splat1(o), splat1(d), splat1(reach), splat1(along), splat1(turn), splat1(fits))
-    entries, scale = mask_from_bits4(3), extract(inverse, 0)
-    offsets = select(entries, splat4(extract(near, 0)), splat4(extract(far, 0)))
-    return _Axis(splat4(scale), offsets, scale < np.float32(0.0))
+def axis_between(inverse, near, far):
+    """The `_Axis` of an inverse and the offsets of entries and exits, as from `plane_offsets`; float32."""
+    offsets = select(mask_from_bits4(3), splat4(near), splat4(far))
+    return _Axis(splat4(inverse), offsets, inverse < np.float32(0.0))
 
 
 @inlined
-def _slabs_of(tree, o, d, tmin):
-    """The `_Slabs` of a ray; o, d, tmin: float32."""
+def _axis_of(o, d, reach, along, turn, fits):
+    inverse, near, far = plane_offsets(splat1(o), splat1(d), splat1(reach), splat1(along), splat1(turn), splat1(fits))
+    return axis_between(extract(inverse, 0), extract(near, 0), extract(far, 0))
+
+
+@inlined
+def slabs_of(tree, o, d, tmin):
+    """The `Slabs` of a ray; o, d, tmin: float32."""
     largest, reach = max_magnitude(d), larger(max_magnitude(o), largest_of(tree.reach))
     fits, (along, turn) = boxes_fit(largest, reach), raised_to(largest, reach)
-    return _Slabs(
+    return Slabs(
         _axis_of(o[0], d[0], tree.reach[0], along, turn, fits),
         _axis_of(o[1], d[1], tree.reach[1], along, turn, fits),
         _axis_of(o[2], d[2], tree.reach[2], along, turn, fits),
@@ -143,23 +148,30 @@ def _times(nodes, at, axis):
 
 
 @inlined
-def _enter(nodes, node, box, limit):
-    """Whether a ray enters each child's box before `limit`: (left, right, whether it enters the left one first)."""
+def entries(nodes, node, box, limit):
+    """(whether a ray enters the left child's box before `limit`, the right one's, the t of both entries, at most)."""
     at = line_at(node)
     x, y, z = _times(nodes, at, box.x), _times(nodes, at + 4, box.y), _times(nodes, at + 8, box.z)
     near = maximum(maximum(x, y), maximum(z, box.tmin))
     far = minimum(minimum(x, y), minimum(z, splat4(limit)))
     left, right = extract(near, 0), extract(near, 1)
-    return left <= extract(far, 2), right <= extract(far, 3), left <= right
+    return left <= extract(far, 2), right <= extract(far, 3), left, right
+
+
+@inlined
+def _enter(nodes, node, box, limit):
+    """Whether a ray enters each child's box before `limit`: (left, right, whether it enters the left one first)."""
+    left, right, near_left, near_right = entries(nodes, node, box, limit)
+    return left, right, near_left <= near_right
 
 
 # --- Triangles --------------------------------------------------------------------------------------------------------
 
 
 @inlined
-def _filter_triangle(tree, slot):
-    """(`FilterTriangles` of the triangle in a slot, in one lane, its index)."""
-    words = f32_at(tree.triangles)
+def filter_triangle(triangles, slot):
+    """(`FilterTriangles` of the triangle in a slot of `TreeBuffers.triangles`, in one lane, its index)."""
+    words = f32_at(triangles)
     a, b, c = (
         load4_aligned(words, TRIANGLE * slot),
         load4_aligned(words, TRIANGLE * slot + 4),
@@ -214,7 +226,7 @@ def walk(tree, r, j, any_hit, work):
     d = f(r.ray.dx), f(r.ray.dy), f(r.ray.dz)
     tmin, limit, lower = f(r.ray.tmin), f(r.ray.tmax), _INF
     best = np.int64(CLEAR if any_hit else NO_HIT)
-    box, line = _slabs_of(tree, o, d, tmin), _filter_ray(tree, o, d, tmin, limit)
+    box, line = slabs_of(tree, o, d, tmin), _filter_ray(tree, o, d, tmin, limit)
     stack, height, link = stack_i32(_STACK), 0, np.int64(0)
     while True:
         while link >= 0:
@@ -232,7 +244,7 @@ def walk(tree, r, j, any_hit, work):
         if link != EMPTY:
             leaf = bvh_leaf(link)
             for slot in range(leaf.first, leaf.first + leaf.count):
-                triangle, prim = _filter_triangle(tree, slot)
+                triangle, prim = filter_triangle(tree.triangles, slot)
                 if prim == r.skip:
                     continue
                 tests = filter_hits(line if any_hit else _until(line, limit), triangle)
@@ -259,7 +271,8 @@ def walk(tree, r, j, any_hit, work):
 # --- The walk of a visitor --------------------------------------------------------------------------------------------
 
 
-GO_ON = 0  # a visitor's answer
+GO_ON, UNDECIDED = 0, 3
+"""Answers of a visitor besides BLOCKED: the walk goes on; float64 does not suffice, and the CPU traces the ray."""
 
 
 def visit(visitor, r, slot, prim):
@@ -277,7 +290,7 @@ def walk_candidates(tree, r, visitor):
     o = f(r.ray.ox), f(r.ray.oy), f(r.ray.oz)
     d = f(r.ray.dx), f(r.ray.dy), f(r.ray.dz)
     tmin = f(r.ray.tmin)
-    box, line = _slabs_of(tree, o, d, tmin), _filter_ray(tree, o, d, tmin, f(r.ray.tmax))
+    box, line = slabs_of(tree, o, d, tmin), _filter_ray(tree, o, d, tmin, f(r.ray.tmax))
     stack, height, link = stack_i32(_STACK), 0, np.int64(0)
     while True:
         while link >= 0:
@@ -294,7 +307,7 @@ def walk_candidates(tree, r, visitor):
         if link != EMPTY:
             leaf = bvh_leaf(link)
             for slot in range(leaf.first, leaf.first + leaf.count):
-                triangle, prim = _filter_triangle(tree, slot)
+                triangle, prim = filter_triangle(tree.triangles, slot)
                 if prim == r.skip:
                     continue
                 tests = filter_hits(_until(line, get(visitor.limit, 0)), triangle)

@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.instance_trees import InstancePointers, mesh_pointers
+from ...bvh.instance_trees import GROUPS, MESH_WORDS, NODES, InstancePointers, mesh_pointers
 from ...bvh.nodes import EMPTY, MAX_DEPTH, bvh_leaf, link_at
-from ...kernels.device import i64_at, load4_aligned, thread_index
+from ...kernels.device import i64_at, thread_index
 from ...kernels.exact.filters import (
     BEYOND,
     END_FLOOR,
@@ -30,7 +30,20 @@ from ...kernels.exact.filters import (
     quick_weights,
 )
 from ...kernels.jit import F32Ptr, F64Ptr, I64Ptr, inlined, kernel, overload
-from ...kernels.simd import bits, f32_at, f64_at, get, i32_at, put, splat1, stack_f32, stack_f64, stack_i32, stack_i64
+from ...kernels.simd import (
+    bits,
+    f32_at,
+    f64_at,
+    get,
+    i32_at,
+    put,
+    splat1,
+    splat4,
+    stack_f32,
+    stack_f64,
+    stack_i32,
+    stack_i64,
+)
 from ...kernels.toolchain.device_code import DeviceKernel
 from ..rays.instance_traversal import (
     EARLIER,
@@ -51,8 +64,10 @@ _ZERO = np.float32(0.0)
 
 
 class ForestBuffers(NamedTuple):
-    """The trees of a scene of instances on a device: addresses. The words of a mesh are those of `InstanceArrays`,
-    with a binary tree, triangles as in `TreeBuffers`, and slots in place of lanes."""
+    """The trees of a scene of instances on a device: addresses, of arrays as in `InstanceArrays`.
+
+    The words of a mesh name a binary tree, triangles as in `TreeBuffers`, and arrays by slot instead of lane.
+    """
 
     top: TreeBuffers  # over the copies; it has no triangles
     copies: int  # int32: slot of the tree -> copy
@@ -169,7 +184,7 @@ def _mapped_slabs(mapped):
         axis_between(*slab(mapped.o[0], mapped.d[0], along, pad, fits)),
         axis_between(*slab(mapped.o[1], mapped.d[1], along, pad, fits)),
         axis_between(*slab(mapped.o[2], mapped.d[2], along, pad, fits)),
-        _ZERO,
+        splat4(_ZERO),
     )
 
 
@@ -187,9 +202,9 @@ def _mapped_filter(mapped):
 @inlined
 def _walk_copy(scene, i, r, start, visitor):
     """Visit the triangles of copy i that float32 does not exclude, from t = `start` on. The last answer."""
-    words = get(scene.meshes, np.int64(get(scene.mesh, i)) * np.int64(8))
-    triangles = get(scene.meshes, np.int64(get(scene.mesh, i)) * np.int64(8) + np.int64(1))
-    nodes, links = f32_at(words), i32_at(words)
+    at = np.int64(get(scene.mesh, i)) * MESH_WORDS
+    nodes, links = f32_at(get(scene.meshes, at + NODES)), i32_at(get(scene.meshes, at + NODES))
+    triangles = get(scene.meshes, at + GROUPS)
     mapped = map_ray(scene, i, r.ray, start)
     box, (line, slack) = _mapped_slabs(mapped), _mapped_filter(mapped)
     limit = copy_limit(mapped, get(visitor.limit, 0))
