@@ -108,7 +108,7 @@ class Engine(RayQueries):
     device : str or None
         The device that traces shadow rays and ray lists: ``"cuda"``, ``"cuda:1"``, ``"opencl"``, or ``"cpu"`` for none.
         None: the one in the environment variable ``ANTUMBRA_DEVICE``, if there is neither a plan. It never changes a
-        bit. Instances, stores, cut-outs, and lists of all hits are traced on the CPU.
+        bit. Stores and lists of all hits are traced on the CPU.
 
     Raises
     ------
