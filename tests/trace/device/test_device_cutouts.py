@@ -158,3 +158,7 @@ def test_cut_outs_are_uploaded_once(device, monkeypatch):
         tracer.trace_rays(tree, rays, True, 1, cutouts)
         tracer.trace_rays(tree, rays, False, 1, cutouts.as_holes())
     assert len(uploads) == 1
+    masks = tracer.cutouts._uploaded.arrays[4][1]
+    scene.update(scene.triangles().vertices + scene.origin + 0.25)
+    tracer.trace_rays(tree, rays, True, 1, cutout_tree(scene.triangles(), 2))
+    assert len(uploads) == 2 and tracer.cutouts._uploaded.arrays[4][1] is masks

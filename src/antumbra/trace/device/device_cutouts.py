@@ -112,7 +112,7 @@ class _Uploaded(NamedTuple):
 
     bvh: Bvh  # from which they were uploaded
     tree: UploadedTree
-    arrays: list[DeviceMemory]  # uv, mask, shapes, first, texels and rows, as in `AlphaTexels`
+    arrays: list[tuple[NDArray[Any], DeviceMemory]]  # all of `AlphaTexels` but the depths, on the host and there
 
 
 class SampleDepths(NamedTuple):
@@ -132,14 +132,23 @@ class DeviceCutouts:
         self._uploaded: _Uploaded | None = None
 
     def _buffers(self, cutouts: CutoutTree) -> CutoutBuffers:
-        """The cut-outs on the device. Depths, which depend on the month, are sent each time."""
+        """The cut-outs on the device. Depths, which depend on the month, are sent each time.
+
+        If faces have moved, their masks stay there.
+        """
         kept, device, texels = self._uploaded, self.launches.device, cutouts.texels
         if kept is None or kept.bvh is not cutouts.bvh:
+            there = [] if kept is None else kept.arrays
+            same = [next((memory for array, memory in there if array is each), None) for each in texels[:-1]]
             self._uploaded = kept = None  # there may be no room for both
-            arrays = [device.upload(np.ascontiguousarray(each), "the alpha masks") for each in texels[:-1]]
+            del there
+            arrays = [
+                (each, device.upload(np.ascontiguousarray(each), "the alpha masks") if memory is None else memory)
+                for each, memory in zip(texels[:-1], same)
+            ]
             kept = self._uploaded = _Uploaded(cutouts.bvh, UploadedTree(cutouts.bvh, self.launches), arrays)
         depths = self.launches.sent("depths", np.ascontiguousarray(texels.depths), "the alpha masks")
-        uv, mask, shapes, first, words, rows = (each.address for each in kept.arrays)
+        uv, mask, shapes, first, words, rows = (memory.address for _, memory in kept.arrays)
         return CutoutBuffers(kept.tree.buffers, uv, mask, shapes, first, words, rows, depths)
 
     def tree(self, cutouts: CutoutTree) -> UploadedTree:
