@@ -224,8 +224,8 @@ def _is_occluded(occluded, words, i, s):
 
 
 @kernel
-def sum_depths_of_samples(cutouts, rays, work, part):  # rays: SampleBuffers, work: Work, part: CutoutWork
-    """Add up the depths along segments that are not known to be occluded; write their states, and sums if wanted."""
+def sum_depths_of_samples(cutouts, rays, work, part):  # cutouts: CutoutBuffers, work: Work, part: CutoutWork
+    """Add up depths along `rays` that are not known to be occluded; write their states, and sums if wanted."""
     k, corners, limit, sums = thread_index(), stack_f32(9), stack_f32(1), stack_i32(SUMS)
     if k >= part.n:
         return
@@ -248,8 +248,8 @@ def sum_depths_of_samples(cutouts, rays, work, part):  # rays: SampleBuffers, wo
 
 
 @kernel
-def find_nearest(solid, cutouts, rays, work, hits, part):  # solid: TreeBuffers, work: Work, hits: HitBuffers
-    """Find the cut-outs that rays hit before the solid triangles of `Work.out`, whose t is known."""
+def find_nearest(solid, cutouts, rays, work, hits, part):  # solid: TreeBuffers, cutouts: CutoutBuffers, work: Work
+    """Find the cut-outs that a part of the rays hit before `Work.out`, solid triangles whose hits have numbers."""
     k, corners, limit = thread_index(), stack_f32(9), stack_f32(1)
     best, best_corners, f = stack_i32(2), stack_f32(9), np.float32
     if k >= part.n:
@@ -287,7 +287,7 @@ class ShareBuffers(NamedTuple):
 
 
 @kernel
-def write_shares(shares):
+def write_shares(shares):  # shares: ShareBuffers
     """Write the transmittances of the samples of some receivers, a channel per thread."""
     k = thread_index()
     at, c = k // shares.channels, k % shares.channels

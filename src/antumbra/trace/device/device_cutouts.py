@@ -42,7 +42,7 @@ class _Rest(NamedTuple):
 
 @kernel
 def _find_blocked(ticket, rest, bvh, texels, blocked):
-    # In: rest, the cut-outs. Out: blocked, by texels that closest hits meet
+    # In: rest; bvh and texels of the cut-outs. Out: blocked, by texels that closest hits meet
     tree, holes, order = tree_of(bvh), texel_pointers(texels), np.int64(LEFT_FIRST)
     for k in items(ticket):
         skip = np.int64(rest.heads[k, SKIP])
@@ -51,7 +51,7 @@ def _find_blocked(ticket, rest, bvh, texels, blocked):
 
 @kernel
 def _add_depths(ticket, rest, bvh, texels, sums):
-    # In: rest, the cut-outs. Out: sums (m, SUMS)
+    # In: rest; bvh and texels of the cut-outs. Out: sums (m, SUMS)
     tree, depth, out = tree_of(bvh), DepthSum(texel_pointers(texels), stack_i32(3)), ptr(sums)
     for k in items(ticket):
         ray, skip = ray_of(rest.records, k), np.int64(rest.heads[k, SKIP])
@@ -64,7 +64,7 @@ def _add_depths(ticket, rest, bvh, texels, sums):
 
 @kernel
 def _find_first(ticket, rest, bvh, texels, solid, found):
-    # In: rest, the cut-outs, the Bvh of the solid triangles. Out: found, slots of cut-outs, or KEPT
+    # In: rest; bvh and texels of the cut-outs; solid: the Bvh of other triangles. Out: found: slots, or KEPT
     tree, triangles, holes = tree_of(bvh), tree_of(solid), texel_pointers(texels)
     for k in items(ticket):
         ray, best = ray_of(rest.records, k), np.int64(rest.heads[k, BEST])

@@ -49,7 +49,7 @@ class _Rest(NamedTuple):
 
 @kernel
 def _trace_rest(ticket, rest, arrays, hits):
-    # In: rest, InstanceArrays. Out: hits (HitArrays; face, and for nearest hits t, u and v)
+    # In: rest, arrays (InstanceArrays). Out: hits (HitArrays; face, and for nearest hits t, u and v)
     scene = instance_pointers(arrays)
     hit = InstanceHit(stack_f32(HIT_FLOATS), TESTED, BEST, stack_f64(1), stack_i64(HIT_IDS))
     for k in items(ticket):

@@ -278,7 +278,7 @@ def _walk_forest(forest, r, visitor):
 
 
 @kernel
-def block_by_copies(forest, rays, work, part):  # forest: ForestBuffers, work: Work, part: Part
+def block_by_copies(forest, rays, work, part):  # forest: ForestBuffers, rays: of any kind, work: Work, part: Part
     """Write the states of rays or segments; records for those that the CPU traces."""
     k, corners, limit = thread_index(), stack_f32(9), stack_f64(1)
     if k >= part.n:
@@ -297,8 +297,8 @@ def block_by_copies(forest, rays, work, part):  # forest: ForestBuffers, work: W
 
 
 @kernel
-def nearest_in_copies(forest, rays, work, hits, part):  # forest: ForestBuffers, rays: RayBuffers, hits: HitBuffers
-    """Write the nearest hits of rays; records for those that the CPU traces."""
+def nearest_in_copies(forest, rays, work, hits, part):  # forest: ForestBuffers, work: Work, hits: HitBuffers
+    """Write the nearest hits of a part of the rays; records for those that the CPU traces."""
     k, corners, limit = thread_index(), stack_f32(9), stack_f64(1)
     best, best_corners = stack_i64(1), stack_f32(9)
     if k >= part.n:
