@@ -1,12 +1,13 @@
 """Rays, soft shadows and builds on a device beside the CPU, with the bits of both compared first.
 
-    python benchmarks/device.py --device cuda|opencl|host [scene ...] [--part rays|shafts|build ...] [--rays N]
-        [--triangles N ...] [--size W H] [--spp N] [--threads N] [--rounds N] [--json FILE|auto]
+    python benchmarks/device.py --device cuda|opencl|host [scene ...]
+        [--part rays|shafts|build|cutouts|copies ...] [--rays N] [--triangles N ...] [--size W H] [--spp N]
+        [--threads N] [--rounds N] [--json FILE|auto]
 
-The part `build` is described in device_build.py. The part `rays` follows. The part `shafts` has the shadow passes of a
-small and a large lamp, with one sample and with --spp, by the method `device, shafts` (the plan
-`bsah+multifrusta+device:NAME`) beside single rays and the CPU. `visits` are nodes visited per 16 rays, by one subgroup
-of shafts together; for single rays, the CPU's `single` counts them.
+The part `build` is described in device_build.py, `cutouts` and `copies` in device_surfaces.py. The part `rays` follows.
+The part `shafts` has the shadow passes of a small and a large lamp, with one sample and with --spp, by the method
+`device, shafts` (the plan `bsah+multifrusta+device:NAME`) beside single rays and the CPU. `visits` are nodes visited
+per 16 rays, by one subgroup of shafts together; for single rays, the CPU's `single` counts them.
 
 A scene is sponza_crytek, sanmiguel_lite, bart_robots ($ANTUMBRA_SCENES), forest (procedural), or a file that
 `antumbra.load` reads. Without scenes, all of these that are there.
@@ -46,6 +47,7 @@ import numpy as np
 
 import antumbra
 import device_build
+import device_surfaces
 from antumbra.base.errors import InputError
 from antumbra.devices.arrays import DeviceArray
 from antumbra.devices.device import Device
@@ -62,7 +64,7 @@ from peers.ray_contest import query_of
 from views import VIEWS, View, views
 
 CPU_PLAN = "bsah+reinsert+multifrusta"
-PARTS = ["build", "shafts", "rays"]
+PARTS = ["build", *device_surfaces.SCENES, "shafts", "rays"]
 RESULTS = Path(__file__).resolve().parents[1] / "docs" / "results"
 COLUMNS = "undecided", "on cpu", "visits"
 HEAD = f"{'case':9s} {'method':20s} {'Mrays/s':>9s} {'ms':>9s} {'differs':>8s}" + "".join(f" {c:>9s}" for c in COLUMNS)
@@ -304,6 +306,11 @@ def all_rows(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
         for n in options.triangles:
             print(f"\n{n} triangles\n{HEAD.replace('Mrays', '    M')}")
             yield from device_build.rows(tracer, n, options, how)
+    measures = device_surfaces.Measures(timed, row, options.rounds, thread_count(options.threads))
+    for part in (each for each in device_surfaces.SCENES if each in chosen):
+        for n in options.triangles:
+            print(f"\n{part}, {n} triangles\n{HEAD}")
+            yield from device_surfaces.rows(part, n, options, measures)
     if "rays" in chosen or "shafts" in chosen:
         for view in views(options.scene, options.size):
             yield from measure(view, options, chosen)

@@ -7,6 +7,7 @@ import pytest
 
 import device
 import device_build
+import device_surfaces
 from antumbra.trace.device.build_kernels import BUILD_KERNELS
 from antumbra.trace.device.device_kernels import KERNELS
 
@@ -41,6 +42,20 @@ def test_shafts_are_compared_with_single_rays_and_the_cpu(name, monkeypatch, tmp
     assert {row["case"] for row in rows} == {f"{light} {spp}" for light in ("small", "large") for spp in (1, 4)}
     assert all(row["differs"] == 0 for row in rows)
     assert all(row["visits"] > 0 for row in rows if row["method"] != "cpu")
+
+
+@pytest.mark.parametrize("part", device_surfaces.SCENES)
+def test_faces_that_let_light_pass_and_copies_have_the_bits_of_the_cpu(part, monkeypatch, tmp_path):
+    path = tmp_path / "rows.json"
+    words = f"device.py --device host --part {part} --triangles 4000 --rays 400 --spp 4 --rounds 1 --json {path}"
+    monkeypatch.setattr(sys, "argv", words.split())
+    device.main()
+    rows = json.loads(path.read_text())["rows"]
+    methods = "device, host arrays", "cpu"
+    assert [(row["case"], row["method"]) for row in rows] == [
+        (case, method) for case in ("random", "closest", "light") for method in methods
+    ]
+    assert all(row["differs"] == 0 and row["rays"] == 400 for row in rows)
 
 
 def test_bytes_are_stated_for_kernels_that_exist():

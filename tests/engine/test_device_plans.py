@@ -13,6 +13,8 @@ from antumbra.devices.device_list import default_device, using_device
 from antumbra.engine.device_plans import cpu_plan, plan_on
 from antumbra.engine.engine import Engine, chosen_plan, default_plan_of
 from antumbra.engine.plan import parse_plan
+from antumbra.engine.sources.in_memory_source import InMemory
+from antumbra.engine.sources.instanced_source import Instanced
 from antumbra.trace.counters import NODES, RAYS, new_counters
 from antumbra.trace.device import device_tracer as device_tracer_module
 from antumbra.trace.device.device_tree import UploadedTree
@@ -102,10 +104,11 @@ def test_plans_and_devices_that_do_not_agree_are_refused(plan, device, message):
         Engine(soup_scene(3), plan, device=device)
 
 
-def test_instances_keep_their_plan_for_the_cpu():
+def test_instances_are_traced_on_the_device_or_flattened_if_the_device_builds():
     scene, _ = whole_scenes()
-    assert str(Engine(scene, device="host").plan) == str(Engine(scene).plan)
-    assert plan_on("host", None, scene.data) is None and plan_on("host", "auto", scene.data) == "auto"
+    assert str(Engine(scene, device="host").plan) == plan_on("host", "auto", scene.data) == ON_HOST
+    kinds = [type(Engine(scene, plan).source) for plan in (ON_HOST, "lbvh+device:host:0")]
+    assert kinds == [Instanced, InMemory]
 
 
 @pytest.mark.parametrize("plan", device_plans(text=True))

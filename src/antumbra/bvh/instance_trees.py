@@ -111,16 +111,22 @@ def copy_map(matrices: NDArray[np.float64], mesh: MeshTree, origin: NDArray[np.f
 _NOWHERE = np.float32(3e38)
 
 
-def top_tree(boxes: NDArray[np.float32], threads: int) -> NDArray[np.float32]:
-    """(n, 64): the nodes of a wide BVH over boxes, (k, 2, 3). A link < 0 is ``~box``, or EMPTY for a missing child.
-
-    Rays that are too long or too far away for float32 enter missing children too, and must recognise them.
+def top_bvh(boxes: NDArray[np.float32], threads: int) -> Bvh:
+    """A binary BVH over boxes, (k, 2, 3), with one box a leaf.
 
     Since builders take triangles, each box is replaced by a zero-area triangle with the same bounds.
     """
     lower, upper = boxes[:, 0], boxes[:, 1]
-    bvh = binned_sah.build(np.stack([lower, upper, lower], axis=1), threads, max_leaf=1)
-    wide = widen(reinsert(bvh, threads), threads)
+    return reinsert(binned_sah.build(np.stack([lower, upper, lower], axis=1), threads, max_leaf=1), threads)
+
+
+def top_tree(bvh: Bvh, boxes: NDArray[np.float32], threads: int) -> NDArray[np.float32]:
+    """(n, 64): the nodes of the wide BVH of a `top_bvh`. A link < 0 is ``~box``, or EMPTY for a missing child.
+
+    Rays that are too long or too far away for float32 enter missing children too, and must recognise them.
+    """
+    lower, upper = boxes[:, 0], boxes[:, 1]
+    wide = widen(bvh, threads)
     n, counts = len(wide.nodes), np.count_nonzero(wide.slots >= 0, axis=1)
     ids = np.where(wide.slots >= 0, wide.bvh.prim_ids[np.maximum(wide.slots, 0)], 0)
     nodes = aligned_empty((n + len(counts), NODE_WORDS), "f4")
@@ -216,17 +222,21 @@ class InstanceTrees:
     """The trees of a scene of instances.
 
     arrays : InstanceArrays
+    meshes : dict of int to MeshTree
+        Those of the meshes that have faces.
+    top : Bvh
+        The binary tree over the copies, which are its primitives; without corners.
     """
 
     def __init__(self, data: InstanceData, build: Build, threads: int):
         instances, n = data.instances, len(data.instances.mesh)
         counts = np.array([len(mesh.faces) for mesh in instances.meshes])
         filled = np.flatnonzero(counts[instances.mesh] > 0)
-        self._trees = {k: mesh_tree(instances.meshes[k], build, threads) for k in np.flatnonzero(counts).tolist()}
-        self._reaches = {k: np.array([max(tree.wide.reach)], np.float32) for k, tree in self._trees.items()}
+        self.meshes = {k: mesh_tree(instances.meshes[k], build, threads) for k in np.flatnonzero(counts).tolist()}
+        self._reaches = {k: np.array([max(tree.wide.reach)], np.float32) for k, tree in self.meshes.items()}
         boxes = flush_to_zero((data.boxes[filled] - data.origin).astype(np.float32))
         far, maps = np.abs(boxes).max(axis=(1, 2)).astype(np.float64), np.zeros((n, 15))
-        for k, tree in self._trees.items():
+        for k, tree in self.meshes.items():
             at = instances.mesh[filled] == k
             of_mesh = copy_map(instances.matrices[filled[at]], tree, data.origin, far[at])
             maps[filled[at]] = np.concatenate(
@@ -239,7 +249,9 @@ class InstanceTrees:
                 ],
                 axis=1,
             )
-        nodes = top_tree(boxes, threads)
+        top = top_bvh(boxes, threads)
+        nodes = top_tree(top, boxes, threads)
+        self.top = top._replace(prim_ids=filled[top.prim_ids].astype(np.int32), corners=_NO_CORNERS)
         links = nodes.view(np.int32)[:, LINKS : LINKS + WIDTH]
         to_copy = (links < 0) & (links != EMPTY)
         links[to_copy] = ~filled[~links[to_copy]].astype(np.int32)
@@ -259,9 +271,9 @@ class InstanceTrees:
 
     def _words(self, k: int) -> list[int]:
         """The words of a mesh in `InstanceArrays.meshes`; 0 for a mesh without faces, which no ray enters."""
-        if k not in self._trees:
+        if k not in self.meshes:
             return [0] * MESH_WORDS
-        tree = self._trees[k]
+        tree = self.meshes[k]
         wide = tree.wide
         arrays = wide.nodes, wide.groups, tree.corners, tree.ids, tree.part, self._reaches[k]
         return [*(each.ctypes.data for each in arrays), 0, 0]

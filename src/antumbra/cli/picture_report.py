@@ -324,12 +324,9 @@ def _print_device(scene: "AnyScene", plan: str) -> None:
     device = parse_plan(plan).device
     if device is not None:
         besides = "what the camera sees, and the few shadow rays that need exact arithmetic"
-        if scene.data.cutouts is not None:
-            besides += ", and those through cut-outs"
         print(f"The device {device} traced the shadow rays; the CPU traced {besides}.")
     elif default_device() not in (None, CPU) and not traces_on_device(scene.data):
-        kind = "instances" if scene.data.instanced else "stores"
-        print(f"Devices do not trace {kind} yet; the CPU traced everything.")
+        print("Devices do not trace stores yet; the CPU traced everything.")
 
 
 def _print_instances(scene: "AnyScene", plan: str) -> None:

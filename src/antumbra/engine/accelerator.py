@@ -29,7 +29,9 @@ from ..techniques.srdh.representative_rays import Bounce, RepresentativeRays, Re
 from ..trace.alpha_cutouts import CutoutTree, add_shadows, cutout_tree
 from ..trace.rays.ray_hits import Intersections
 from ..trace.tracer import TracerState
+from ..trace.transmission import TracedQuery, shares_of, transmission
 from .auto.strategies import AutoState, TreelessState
+from .device_tracers import OnDevice
 from .method_registry import BUILDERS, CULLERS
 from .plan import Plan
 from .tree_choice import ExpectedRays, LearnedTrees, OwnTree, TreeChoice, UpdatedTree, new_tree
@@ -324,12 +326,20 @@ class Accelerator:
         trace = self.plan.tracer.trace_all
         trace(accelerated.prepared, traced, bits, self.threads, tally, progress, known is None)
         if accelerated.cutouts is not None:
+            prepared = accelerated.prepared
+            add = prepared.add_shadows if isinstance(prepared, OnDevice) else add_shadows
             for few, words in zip(traced, bits):
-                add_shadows(accelerated.cutouts, few, words, self.threads)
+                add(accelerated.cutouts, few, words, self.threads)
         return [
             words if few is query else copy_bits(words, query.samples.shape[1])
             for words, few, query in zip(bits, traced, queries)
         ]
+
+    def traced_query(self, accelerated: Accelerated, query: ShadowQuery, bits: NDArray[np.uint64]) -> TracedQuery:
+        """A query with its bits, and with the light that comes through cut-outs."""
+        prepared = accelerated.prepared
+        shares = prepared.shares if isinstance(prepared, OnDevice) else shares_of
+        return TracedQuery(query, bits, transmission(accelerated.cutouts, query, bits, self.threads, shares))
 
 
 def _meetings(

@@ -2,8 +2,8 @@
 
 The CPU builds ``bsah`` trees, which are uploaded once; devices build ``lbvh`` ones themselves, which animated scenes
 get by default, since each frame needs a new tree. Devices find what blocks shadow rays, and any and the nearest hits of
-ray lists. The CPU finds what a camera sees, hits on cut-outs, and all hits; instances and stores are traced on the CPU
-altogether.
+ray lists, also on cut-outs and on copies of meshes. The CPU finds what a camera sees, and all hits; stores are traced
+on the CPU altogether.
 """
 
 from dataclasses import replace
@@ -21,8 +21,8 @@ def cpu_plan(plan: Plan) -> Plan:
 
 
 def traces_on_device(data: SceneData) -> bool:
-    """Whether devices trace a scene: it is in memory, without instances."""
-    return data.resident and not data.instanced
+    """Whether devices trace a scene: it is in memory."""
+    return data.resident
 
 
 def plan_on(device: str | None, plan: str | Plan | None, data: SceneData | None = None) -> str | Plan | None:

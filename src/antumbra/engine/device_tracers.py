@@ -15,9 +15,11 @@ from ..query.shadow_query import ShadowQuery, ray_count
 from ..scene.resident_triangles import ResidentTriangles
 from ..scene.triangles import Triangles
 from ..techniques.culling.pre_bvh_culling import CullRequest
+from ..trace.alpha_cutouts import CutoutTree
 from ..trace.counters import NODES, RAYS
 from ..trace.frusta.multi_frusta import BENTHIN
 from ..trace.tracer import Bits, Counters, Tracer, TracerState
+from ..trace.transmission import Shares
 from .method_registry import register_family
 
 DEVICE, SHAFTS = "device", "multifrusta+device"
@@ -64,6 +66,14 @@ class OnDevice(TracerState):
 
     def begin(self) -> None:
         """Begin a frame; nothing changes on the device."""
+
+    def add_shadows(self, cutouts: CutoutTree, query: ShadowQuery, bits: Bits, threads: int) -> None:
+        """Set the bits of samples whose light cut-outs block, as `alpha_cutouts.add_shadows`."""
+        self.tracer.add_shadows(cutouts, query, bits, threads)
+
+    def shares(self, cutouts: CutoutTree, query: ShadowQuery, bits: Bits, threads: int) -> Shares:
+        """The light that comes through cut-outs, as `transmission.shares_of`."""
+        return cast(Shares, self.tracer.shares(cutouts, query, bits, threads))
 
 
 class OnDeviceTracer(Tracer):

@@ -108,7 +108,7 @@ class Engine(RayQueries):
     device : str or None
         The device that traces shadow rays and ray lists: ``"cuda"``, ``"cuda:1"``, ``"opencl"``, or ``"cpu"`` for none.
         None: the one in the environment variable ``ANTUMBRA_DEVICE``, if there is neither a plan. It never changes a
-        bit. Instances, stores, cut-outs, and lists of all hits are traced on the CPU.
+        bit. Stores and lists of all hits are traced on the CPU.
 
     Raises
     ------
@@ -164,7 +164,7 @@ class Engine(RayQueries):
         self.terrain: TerrainShadows | None = None
         self._device_rays: DeviceRayLists | None = None
         chooses = str(self.plan) == DEFAULT_PLAN
-        if self.plan.device is not None:
+        if self.plan.device is not None and not (data.instanced and self.source.geometry is None):
             from .sources import device_ray_lists  # imported late: most engines use no device
 
             self._rays = self._device_rays = device_ray_lists.DeviceRayLists(shared.flat(), self.accelerator)

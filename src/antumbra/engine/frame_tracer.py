@@ -15,7 +15,7 @@ from ..scene.lights import Light
 from ..scene.triangles import Triangles
 from ..techniques.srdh.representative_rays import RepresentativeRays, bounced_queries
 from ..trace.rays.ray_hits import Nearest
-from ..trace.transmission import TracedQuery, transmission
+from ..trace.transmission import TracedQuery
 from .accelerator import Accelerated, Accelerator
 from .auto.strategies import StrategyChoice
 from .primary_visibility import RAYS, nearest_in
@@ -145,9 +145,10 @@ class FrameTracer:
 
     def traced_query(self, query: ShadowQuery, bits: NDArray[np.uint64]) -> TracedQuery:
         """A query with its bits, and with the light that comes through cut-outs."""
-        tree = self._accelerated or self._full_tree  # None: the bits were known, and nothing was prepared
-        cutouts = self.accelerator.cutouts_of(self.triangles) if tree is None else tree.cutouts
-        return TracedQuery(query, bits, transmission(cutouts, query, bits, self.accelerator.threads))
+        tree = self._accelerated or self._full_tree
+        if tree is None:  # the bits were known, and nothing was prepared
+            tree = Accelerated(self.triangles, None, None, self.accelerator.cutouts_of(self.triangles))
+        return self.accelerator.traced_query(tree, query, bits)
 
     def reuse_tree(self) -> None:
         """Trace the next band of the image in this band's tree, if the plan allows it."""

@@ -11,6 +11,7 @@ from typing import cast
 import numpy as np
 
 from ..base.files import temporary_folder
+from ..bvh.instance_trees import InstanceTrees
 from ..engine.accelerator import Accelerator
 from ..engine.auto.cost_model import GOOD, QUICK, cost_of, strategies
 from ..engine.auto.strategies import TreeForms, answer_query
@@ -49,8 +50,9 @@ from ..scene.scene_data import MemoryData
 from ..scene.sky import Sky
 from ..scene.triangles import HitFilter
 from ..techniques.srdh.representative_rays import SrdhRays
+from ..trace.alpha_cutouts import cutout_tree
 from ..trace.counters import new_counters
-from ..trace.device import settling
+from ..trace.device import device_cutouts, device_instances, settling
 from ..trace.device.device_rays import pack_receivers
 from ..trace.rays.local_rays import local_rays
 from ..trace.rays.row_tiles import FEWEST
@@ -249,6 +251,13 @@ def _devices() -> None:
     settling.numbers_of(records, bvh, 1)
     settling.traced_rays(records, bvh, 0, True, 1)
     pack_receivers(new_ticket(1, 1), query.origins, query.faces, query.sides, np.empty((1, 4), np.float32))
+    cutouts = cutout_tree(small_scene_with_cutouts().triangles(0.0, 2), 2)
+    assert cutouts is not None
+    device_cutouts.blocked_by_texels(records, cutouts, 0, 1)
+    device_cutouts.depths_along(records, cutouts, 0, 1)
+    device_cutouts.first_cutouts(records, cutouts, bvh, 0, 1)
+    copies = InstanceTrees(small_instances(), BUILDERS["bsah"].build, 1)
+    device_instances.traced_rays(records, copies, 0, False, 1)
 
 
 _DEFAULT = Plan()

@@ -95,10 +95,9 @@ def _texture_coordinate(uv, slot, axis, b, c):
     return (1.0 - b - c) * f(get(uv, at)) + b * f(get(uv, at + 2)) + c * f(get(uv, at + 4))
 
 
-@kernel
-def _depths_at(texels, ray, corners, slot):
-    """Where the ray meets the cut-out in `slot`: the place of its texel's depths. One float64 expression defines it."""
-    b, c = weights(ray, corners, slot)
+@inlined
+def texel_place(texels, slot, b, c):
+    """The place in `depths` of the texel at weights b and c of the cut-out in `slot`. This expression defines it."""
     b, c = _inside(b), _inside(c)
     k = get(texels.mask, slot)
     w, h = get(texels.shapes, 4 * k), get(texels.shapes, 4 * k + 1)
@@ -106,6 +105,13 @@ def _depths_at(texels, ray, corners, slot):
     v = np.int64(np.floor(_texture_coordinate(texels.uv, slot, 1, b, c) * h))
     x, y = _wrapped(u, w, get(texels.shapes, 4 * k + 2)), _wrapped(v, h, get(texels.shapes, 4 * k + 3))
     return 4 * (get(texels.rows, k) + np.int64(get(texels.texels, get(texels.first, k) + y * w + x)))
+
+
+@kernel
+def _depths_at(texels, ray, corners, slot):
+    """Where the ray meets the cut-out in `slot`: the place of its texel's depths."""
+    b, c = weights(ray, corners, slot)
+    return texel_place(texels, slot, b, c)
 
 
 @inlined

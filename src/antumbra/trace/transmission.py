@@ -5,6 +5,7 @@ transmittance is the product of those of all surfaces that its segment crosses, 
 `alpha_cutouts`, and so are the sums of depths, so the answer does not depend on the plan.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +24,7 @@ from .frusta.multi_frusta import trace_shadow
 
 _STEP = 256
 _SHIFTS = 24, 16, 8, 0
-_POWERS = exp2(-np.outer(2.0 ** np.array(_SHIFTS), np.arange(_STEP)) / HALVING)
+POWERS = exp2(-np.outer(2.0 ** np.array(_SHIFTS), np.arange(_STEP)) / HALVING)
 """(4, 256) float64: 2 to the power of minus each digit of a depth, from the highest to the lowest."""
 
 
@@ -114,7 +115,7 @@ def arriving(light, row, s, c):
 
 
 @inlined
-def _power(powers, depth):
+def power_of(powers, depth):
     """2 to the power of -depth / HALVING. A product of table entries, so it is the same on all systems."""
     value = get(powers, depth >> 24) * get(powers, 256 + (depth >> 16 & 255))
     return np.float32(value * get(powers, 512 + (depth >> 8 & 255)) * get(powers, 768 + (depth & 255)))
@@ -144,15 +145,35 @@ def _transmit(ticket, bvh, texels, query, met, bits, receivers, powers, values):
             sum_depths(tree, depth, ray_to_sample(pointers, patch, i, s), skip, pointers.facing)
             for c in range(channels):
                 total = get(depth.sums, c)
-                put(out, at + c, _power(table, np.int64(total)) if total <= DARK else np.float32(0.0))
+                put(out, at + c, power_of(table, np.int64(total)) if total <= DARK else np.float32(0.0))
+
+
+Shares = tuple[NDArray[np.intp], NDArray[np.float32]]
+"""Receivers to which light comes through cut-outs, (k,) ascending, and `Transmission.values`."""
+
+
+def shares_of(tree: CutoutTree, query: ShadowQuery, bits: NDArray[np.uint64], threads: int) -> Shares:
+    """The receivers at which a lit sample meets a cut-out, and the transmittances of all their samples."""
+    met = new_bits(query)
+    trace_shadow(tree.blocks, query, met, threads)
+    receivers = np.flatnonzero(((met & ~bits) != 0).any(-1))
+    values = np.empty((len(receivers), query.samples.shape[1], tree.channels), np.float32)
+    ticket = new_ticket(len(receivers), 64)
+    run(_transmit, threads, ticket, tree.bvh, tree.texels, query, met, bits, receivers, POWERS, values)
+    return receivers, values
 
 
 def transmission(
-    tree: CutoutTree | None, query: ShadowQuery, bits: NDArray[np.uint64], threads: int | None = None
+    tree: CutoutTree | None,
+    query: ShadowQuery,
+    bits: NDArray[np.uint64],
+    threads: int | None = None,
+    shares: Callable[[CutoutTree, ShadowQuery, NDArray[np.uint64], int], Shares] = shares_of,
 ) -> Transmission | None:
     """The light that comes through cut-outs; None if they only have holes, or if no sample is met.
 
     bits : (h, w, ceil(spp / 64)) uint64, the answer to the query, in which cut-outs are included
+    shares : `shares_of`, or the same on a device
     """
     if tree is None or not tree.channels:
         return None
@@ -160,14 +181,9 @@ def transmission(
     few = with_distinct_samples(query)
     if few is not query:
         query, bits = few, any_bit(bits)
-    met = new_bits(query)
-    trace_shadow(tree.blocks, query, met, threads)
-    receivers = np.flatnonzero(((met & ~bits) != 0).any(-1))
+    receivers, values = shares(tree, query, bits, thread_count(threads))
     if not len(receivers):
         return None
-    values = np.empty((len(receivers), query.samples.shape[1], tree.channels), np.float32)
-    ticket = new_ticket(len(receivers), 64)
-    run(_transmit, thread_count(threads), ticket, tree.bvh, tree.texels, query, met, bits, receivers, _POWERS, values)
     rows = np.full(query.sides.shape, -1, np.int32)
     rows.reshape(-1)[receivers] = np.arange(len(receivers), dtype=np.int32)
     if few.samples.shape[1] < samples:

@@ -97,7 +97,13 @@ def test_what_devices_do_not_take_is_refused(device, change, message):
         engine.occluded(**given)
 
 
-def test_scenes_with_cut_outs_are_refused(device):
-    engine = Engine(scene_with_cutouts(), device=device.name)
-    with pytest.raises(InputError, match="cut-outs"):
-        engine.occluded(on(device, np.zeros((4, 3))), on(device, np.ones((4, 3))))
+def test_cut_outs_are_hit_as_on_the_cpu(device):
+    scene = scene_with_cutouts()
+    engine, (origins, targets) = Engine(scene, device=device.name), rays_in(scene, (300,))
+    blocked = engine.occluded(on(device, origins), targets=on(device, targets)).numpy()
+    np.testing.assert_array_equal(blocked, scene.occluded(origins, targets=targets))
+    ours = engine.closest_hit(on(device, origins), on(device, targets - origins))
+    theirs = scene.closest_hit(origins, targets - origins)
+    for name in ("t", "face", "u", "v"):
+        np.testing.assert_array_equal(getattr(ours, name).numpy(), getattr(theirs, name))
+    assert 0 < blocked.mean() < 1 and np.isin(theirs.face, scene.data.cutouts.faces).any()

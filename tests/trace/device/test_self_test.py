@@ -11,7 +11,9 @@ from antumbra.devices.device_list import open_device
 from antumbra.devices.host.host_device import HostDevice
 from antumbra.trace.device import self_test
 from antumbra.trace.device.build_kernels import BUILD_KERNELS
+from antumbra.trace.device.cutout_kernels import CUTOUT_KERNELS
 from antumbra.trace.device.device_kernels import KERNELS
+from antumbra.trace.device.instance_kernels import INSTANCE_KERNELS
 from antumbra.trace.device.self_test import check_device, open_tested, run_self_test
 from devices import DEVICES, opened
 from forked import in_child
@@ -89,17 +91,22 @@ def test_altered_instructions_are_seen(monkeypatch):
     assert any(seen(["trace_any", "trace_nearest", "settle_nearest", "report_hits"], 3, monkeypatch))
 
 
+def test_an_altered_texel_or_copy_is_seen(monkeypatch):
+    assert any(seen(["sum_depths_of_samples", "write_shares", "find_nearest", "nearest_in_copies"], 3, monkeypatch))
+
+
 def test_an_altered_build_is_seen(monkeypatch):
     assert any(seen(["make_grid", "bound_nodes"], 3, monkeypatch))
 
 
-def test_every_kernel_of_a_build_takes_part(monkeypatch):
+def test_every_kernel_of_builds_cut_outs_and_copies_takes_part(monkeypatch):
     launched, launch = set(), HostDevice._launch
     monkeypatch.setattr(HostDevice, "_launch", lambda self, module, *rest: (
         launched.add(module.entry), launch(self, module, *rest)
     ))  # fmt: skip
     run_self_test(open_device("host"))
-    assert {kernel.code("ptx").entry for kernel in BUILD_KERNELS.values()} <= launched
+    kernels = BUILD_KERNELS | CUTOUT_KERNELS | INSTANCE_KERNELS
+    assert {kernel.code("ptx").entry for kernel in kernels.values()} <= launched
 
 
 @pytest.mark.slow

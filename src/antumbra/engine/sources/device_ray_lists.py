@@ -12,7 +12,6 @@ from ...kernels.array_pool import ArrayPool
 from ...query.ray_list import RayArguments, TracedRays, cull_value
 from ...scene.resident_triangles import DeviceVertices
 from ...scene.triangles import HitFilter, Triangles
-from ...trace.alpha_cutouts import add_hits
 from ...trace.device.resident_rays import ResidentRays, is_resident
 from ..accelerator import Accelerated, Accelerator, SceneTrees
 from ..device_tracers import OnDevice, device_tracer
@@ -68,9 +67,7 @@ class DeviceRayLists:
         with self._lock:
             ready = self._ready_at(rays.time)
             prepared: OnDevice = ready.accelerated.prepared
-            out = prepared.tracer.trace_rays(prepared.tree, rays, any_hit, threads)
-        if ready.accelerated.cutouts is not None:
-            add_hits(ready.accelerated.cutouts, rays.arrays(), rays.cull_faces, any_hit, out, threads)
+            out = prepared.tracer.trace_rays(prepared.tree, rays, any_hit, threads, ready.accelerated.cutouts)
         if any_hit:
             return TracedRays(out, None)
         found = ready.accelerated.triangles, out.face.reshape(rays.shape)
@@ -92,22 +89,19 @@ class DeviceRayLists:
         Raises
         ------
         InputError
-            If an argument is not of the kind that devices take, a ray is invalid, or the scene has cut-outs.
+            If an argument is not of the kind that devices take, or a ray is invalid.
         """
         if hits.skip_face is not None or (directions is None) == (targets is None):
             raise InputError("on a device, give origins and either directions or targets, without skip_face")
         with self._lock:
             ready = self._ready_at(time)
-            if ready.accelerated.cutouts is not None:
-                raise InputError(
-                    f"{self._trees.data.name} has cut-outs, which the CPU traces; copy the rays to the host"
-                )
             prepared: OnDevice = ready.accelerated.prepared
             segments, facing = targets is not None, cull_value(hits.cull_faces)
             ends, interval = targets if segments else directions, (hits.tmin, hits.tmax)
             device = prepared.tracer.device
             rays = ResidentRays.checked(device, origins, ends, segments, interval, facing, frame)
-            found: tuple[DeviceArray, ...] = prepared.tracer.trace_resident(prepared.tree, rays, any_hit, threads)
+            trace, cutouts = prepared.tracer.trace_resident, ready.accelerated.cutouts
+            found: tuple[DeviceArray, ...] = trace(prepared.tree, rays, any_hit, threads, cutouts)
             return found
 
     def _ready_at(self, time: float) -> _RayTree:

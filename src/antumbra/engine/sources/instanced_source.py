@@ -1,7 +1,8 @@
 """Scenes of instances: rays traverse the trees of meshes, and the triangles of copies are placed where rays meet them.
 
-The plan ``wide`` traces instances, with any builder and optimiser. Other plans need all triangles at once, so an engine
-with such a plan flattens the scene.
+The plan ``wide`` traces instances, with any builder and optimiser. So do devices if the CPU builds the trees; all hits,
+and what a camera sees, are found on the CPU then. Other plans need all triangles at once, so an engine with such a plan
+flattens the scene.
 """
 
 import threading
@@ -40,6 +41,7 @@ from ...trace.rays.instance_batches import trace_list
 from ...trace.rays.instance_rays import InstanceForest, count_all, find_all
 from ...trace.rays.ray_hits import hit_surfaces
 from ..accelerator import Accelerated, Accelerator, SceneTrees
+from ..device_tracers import OnDevice, device_tracer
 from ..plan import Plan
 from ..precompilation import precompile
 from ..primary_visibility import RAYS
@@ -56,7 +58,9 @@ INSTANCED_PLAN = "bsah+wide"
 
 def traces_instances(plan: Plan) -> bool:
     """Whether a plan traces instances without flattening them."""
-    return plan.trace == "wide" and not (plan.cull or plan.update or plan.wants_rays)
+    if plan.cull or plan.update or plan.wants_rays:
+        return False
+    return plan.trace == "wide" or (plan.device is not None and plan.build not in plan.tracer.builders)
 
 
 class SharedInstances:
@@ -144,9 +148,16 @@ class Instanced:
         self.scene, self.threads = data, accelerator.threads
         self._accelerator, self._shared = accelerator, shared
         self._bodies: Bodies | None = None
+        self._forest: tuple[InstanceTrees, OnDevice] | None = None  # the trees, and the same on a device
+        self._lock = threading.RLock()
+        renew_after_fork(self)
         self._empty = _NOTHING._replace(
             origin=data.origin.copy()
         )  # never empty, since kernels may read the first entry
+
+    def _after_fork(self) -> None:
+        if is_stuck(self._lock):
+            self._lock = threading.RLock()
 
     @property
     def fixed(self) -> "Instanced":
@@ -166,7 +177,19 @@ class Instanced:
 
     @property
     def accelerated(self) -> Accelerated:
-        return Accelerated(self._empty, None, InstanceForest(self.trees.arrays))
+        prepared = InstanceForest(self.trees.arrays) if self._accelerator.plan.device is None else self._on_device()
+        return Accelerated(self._empty, None, prepared)
+
+    def _on_device(self) -> OnDevice:
+        """The trees on the device of the plan, uploaded once."""
+        from ...trace.device.device_instances import ForestTracer  # imported late: most engines use no device
+
+        with self._lock:
+            if self._forest is None or self._forest[0] is not self.trees:
+                plan, trees = self._accelerator.plan, self.trees
+                tracer = ForestTracer(device_tracer(str(plan.device), self._accelerator.device_memory))
+                self._forest = trees, OnDevice(tracer, tracer.forest(trees))
+            return self._forest[1]
 
     @property
     def bounds(self) -> NDArray[np.float32]:
@@ -221,11 +244,20 @@ class Instanced:
 
     def trace_rays(self, rays: RayArguments, any_hit: bool, threads: int) -> TracedRays:
         self.warm_up()
+        if self._accelerator.plan.device is not None:
+            out = self._traced_there(rays, any_hit, threads)
+            return TracedRays(out, None if any_hit else partial(self._visible, out.face.reshape(rays.shape).copy()))
         out = hit_arrays(rays.n, any_hit)
         if not trace_list(self.trees, rays, any_hit, out, threads):
             rays.arrays().check()
             raise changed_error()
         return TracedRays(out, None if any_hit else partial(self._visible, out.face.reshape(rays.shape).copy()))
+
+    def _traced_there(self, rays: RayArguments, any_hit: bool, threads: int) -> HitArrays:
+        """The hits of rays, from the device. InputError if a ray is invalid."""
+        rays.arrays().check()
+        there = self._on_device()
+        return cast(HitArrays, there.tracer.trace_rays(there.tree, rays, any_hit, threads))
 
     def all_hits(self, rays: RayArguments, max_hits: int | None, rule: int, threads: int) -> AllHits:
         return find_all(self.trees, self._checked(rays), rays.cull_faces, rule, max_hits, threads)

@@ -9,7 +9,7 @@ from ...base.progress import ProgressCallback, split_progress
 from ...query.query_bounds import place, reach_of
 from ...query.shadow_query import ShadowQuery
 from ...scene.triangles import Triangles
-from ...trace.transmission import TracedQuery, transmission
+from ...trace.transmission import TracedQuery
 from ..accelerator import Accelerated, Accelerator
 from ..device_plans import cpu_plan
 from ..plan_records import precompile_plan
@@ -56,8 +56,7 @@ class TreeShadows:
             accelerated = accelerated._replace(cutouts=cutouts.as_holes() if points.whole else cutouts)
         steps = split_progress(progress, len(queries))
         bits = accelerator.answer_all(accelerated, queries, None, steps, points.known)
-        cutouts_tree, threads = accelerated.cutouts, accelerator.threads
-        return [TracedQuery(q, b, transmission(cutouts_tree, q, b, threads)) for q, b in zip(queries, bits)]
+        return [accelerator.traced_query(accelerated, *each) for each in zip(queries, bits)]
 
     def _tree_and_queries(self, points: PointQuery) -> tuple[Accelerated, list[ShadowQuery]]:
         geometry = self._source.geometry

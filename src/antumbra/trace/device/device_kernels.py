@@ -41,7 +41,7 @@ from ...kernels.toolchain.device_code import DeviceKernel
 from ...scene.scene_bounds import NEAREST
 from .build_kernels import BUILD_KERNELS
 from .device_rays import AGAIN, BLOCKED, TRACED, DevicePatch, RayBuffers, SampleBuffers, ray_at
-from .device_traversal import PRIM, REST, TRIANGLE, WON, TreeBuffers, Work, counts_with, list_pair, walk
+from .device_traversal import NO_HIT, PRIM, REST, TRIANGLE, WON, TreeBuffers, Work, counts_with, list_pair, walk
 from .ploc_kernels import PLOC_KERNELS
 from .shaft_parts import ShaftTiles, find_parts
 from .shaft_traversal import trace_shafts
@@ -84,7 +84,7 @@ def trace_nearest(tree, rays, work):  # tree: TreeBuffers, work: Work
 
 
 @inlined
-def _copy_corners(tree, slot, corners):
+def copy_corners(tree, slot, corners):
     """Copy the corners of the triangle in a slot to 9 float32."""
     words = f32_at(tree.triangles)
     for k in range(3):
@@ -104,7 +104,7 @@ def _put_record(work, at, j, slot, best, ray):
 
 
 @inlined
-def _add_record(work, j, slot, best, ray):
+def add_record(work, j, slot, best, ray):
     """Add a record for the CPU, if there is room."""
     at = np.int64(atomic_add(i32_at(work.counts), REST, 1))
     if at < work.rest_capacity:
@@ -122,7 +122,7 @@ def record_rays(rays, work, first, n):
 
 
 @inlined
-def _side_of_hit(ray, corners, cull_faces):
+def side_of_hit(ray, corners, cull_faces):
     """The sign of d . n of a sure hit that counts, MISS or UNSURE."""
     if misses_bounds(ray, corners, 0):
         return MISS
@@ -144,7 +144,7 @@ def _vertex(corners, k):
 
 
 @inlined
-def _exact_t(ray, corners):
+def exact_t(ray, corners):
     """t rounded to the nearest float64, or UNKNOWN where double-double arithmetic is not accurate enough."""
     a, p, q = edges64(corners, 0, ray.ox, ray.oy, ray.oz)
     o, v0, v1, v2 = (ray.ox, ray.oy, ray.oz), _vertex(corners, 0), _vertex(corners, 1), _vertex(corners, 2)
@@ -153,7 +153,7 @@ def _exact_t(ray, corners):
 
 
 @inlined
-def _hit_order(ray, corners, prim, side, other, other_prim):
+def hit_order(ray, corners, prim, side, other, other_prim):
     """1 if a hit precedes another one, as `filters.precedes` states, -1 if it follows, 0 if this is undecided.
 
     corners, other : pointers to the corners of both triangles
@@ -164,7 +164,7 @@ def _hit_order(ray, corners, prim, side, other, other_prim):
         t, other_t = a.t / a.d, b.t / b.d
         if t > other_t * _APART or other_t > t * _APART:
             return 1 if t < other_t else -1
-    t, other_t, other_side = _exact_t(ray, corners), _exact_t(ray, other), line_verdict(b)
+    t, other_t, other_side = exact_t(ray, corners), exact_t(ray, other), line_verdict(b)
     if t == UNKNOWN or other_t == UNKNOWN:
         return 0
     if t != other_t:
@@ -182,12 +182,12 @@ def _settle_any(tree, rays, work, j, slot):
         return
     r = ray_at(rays, work.first + j)
     if slot < 0:
-        _add_record(work, j, slot, -1, r.ray)
+        add_record(work, j, slot, -1, r.ray)
         return
-    _copy_corners(tree, slot, corners)
-    side = _side_of_hit(r.ray, corners, work.cull_faces)
+    copy_corners(tree, slot, corners)
+    side = side_of_hit(r.ray, corners, work.cull_faces)
     if side == UNSURE:
-        _add_record(work, j, slot, -1, r.ray)
+        add_record(work, j, slot, -1, r.ray)
     elif side != MISS:
         put(out, j, BLOCKED)
 
@@ -198,22 +198,22 @@ def _settle_nearest(tree, rays, work, j, slot):
     if best == AGAIN or best == slot:
         return
     r = ray_at(rays, work.first + j)
-    _copy_corners(tree, slot, corners)
-    side, order = _side_of_hit(r.ray, corners, work.cull_faces), 0
+    copy_corners(tree, slot, corners)
+    side, order = side_of_hit(r.ray, corners, work.cull_faces), 0
     if side == MISS:
         return
     if side != UNSURE:
         order = 1
         if best >= 0:
-            _copy_corners(tree, best, nearest)
+            copy_corners(tree, best, nearest)
             prims = i32_at(tree.triangles)
             prim, best_prim = get(prims, TRIANGLE * slot + PRIM), get(prims, TRIANGLE * best + PRIM)
-            order = _hit_order(r.ray, corners, prim, side, nearest, best_prim)
+            order = hit_order(r.ray, corners, prim, side, nearest, best_prim)
     if order > 0:
         put(i32_at(work.out), j, slot)
         atomic_add(i32_at(work.counts), WON, 1)
     elif order == 0:
-        _add_record(work, j, slot, best, r.ray)
+        add_record(work, j, slot, best, r.ray)
 
 
 @kernel
@@ -273,7 +273,7 @@ def _numbers_of_hit(ray, corners):
     """(t, u, v) of a hit; t or u is UNKNOWN where double-double or float64 arithmetic is not accurate enough."""
     a, p, q = edges64(corners, 0, ray.ox, ray.oy, ray.oz)
     u, v = quick_weights((ray.dx, ray.dy, ray.dz), a, p, q)
-    return _exact_t(ray, corners), u, v
+    return exact_t(ray, corners), u, v
 
 
 @kernel
@@ -290,13 +290,15 @@ def report_hits(tree, rays, work, hits, first, n):  # tree: TreeBuffers, work: W
         np.float64(0.0),
         np.float64(0.0),
     )
+    if slot < NO_HIT:  # the hit in another tree stands
+        return
     if slot >= 0:
         r = ray_at(rays, work.first + j)
-        _copy_corners(tree, slot, corners)
+        copy_corners(tree, slot, corners)
         face = get(i32_at(tree.triangles), TRIANGLE * slot + PRIM)
         t, u, v = _numbers_of_hit(r.ray, corners)
         if t == UNKNOWN or u == UNKNOWN:
-            _add_record(work, j, slot, -1, r.ray)
+            add_record(work, j, slot, -1, r.ray)
     put(i32_at(hits.face), j, face)
     put(f64_at(hits.t), j, t)
     put(f32_at(hits.u), j, clamp_weight(u))

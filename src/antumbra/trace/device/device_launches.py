@@ -1,6 +1,6 @@
 """Launches of the kernels of devices: their code is made and loaded when first needed, and memory is reused."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, cast
 
 import numpy as np
@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from ...devices.device import Device, DeviceMemory, Module
 from ...kernels.marshalling import address_of, flatten, struct_of
 from ...kernels.toolchain.device_code import Form
-from .device_kernels import KERNELS
+from .device_kernels import KERNELS, RECORD
+from .device_traversal import REST, Work
 
 
 class DeviceLaunches:
@@ -63,6 +64,35 @@ class DeviceLaunches:
         block = self.block(name, max(array.nbytes, 16), what)
         block.write(array)
         return block.address
+
+    def left_over(
+        self, name: str, arguments: Callable[[int, int], tuple[Any, ...]], work: Work
+    ) -> Iterator[NDArray[np.float64]]:
+        """Launch a kernel for all rays of `work`, and yield the records of those that it leaves to the CPU.
+
+        If the list of records is too short, the same rays are traced again, fewer at a time. So the kernel must not
+        change what it reads.
+
+        arguments : of the kernel for n rays from the first on, by (first, n)
+        """
+        counts, begin, at_once = self.block("counts", 0, ""), 0, work.n
+        while begin < work.n:
+            n = min(at_once, work.n - begin)
+            counts.fill()
+            self.launch(name, arguments(begin, n), n)
+            left = int(counts.read(np.empty(4, np.int32))[REST])
+            if left > work.rest_capacity:
+                at_once = work.rest_capacity
+                continue
+            if left:
+                yield self.block("rest", 0, "").read(np.empty((left, RECORD)))
+            begin += n
+
+    def mark(self, out: int, at: NDArray[Any], values: NDArray[Any]) -> None:
+        """Write int32 values to elements of an array at an address, each element once."""
+        if len(at):
+            marks = self.sent("marks", np.stack([at, values], 1).astype(np.int32), "the CPU's answers")
+            self.launch("mark_rays", (out, marks, len(at)), len(at))
 
 
 def _place_of(array: NDArray[Any]) -> tuple[object, object] | None:

@@ -5,9 +5,9 @@ again, fewer at a time; if that hardly gets on, the CPU traces them.
 """
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from math import prod
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -21,8 +21,10 @@ from ...devices.device import Device, DeviceMemory
 from ...query.ray_list import HitArrays, RayArguments, RayArrays, hit_arrays
 from ...query.shadow_query import ShadowQuery
 from ...scene.lights import AMBIENT
+from ..alpha_cutouts import CutoutTree
 from . import settling
 from .build_kernels import Source
+from .device_cutouts import DeviceCutouts
 from .device_kernels import RECORD, HitBuffers
 from .device_launches import DeviceLaunches
 from .device_rays import AGAIN, BLOCKED, CLEAR, TRACED, DevicePatch, RayBuffers, SampleBuffers
@@ -39,6 +41,10 @@ BUILDERS: dict[str, Callable[[Source, DeviceLaunches], BuiltTree]] = {"lbvh": Lb
 
 CHUNK = 1 << 24
 """Largest number of rays traced together."""
+
+
+_SUMS_AT_ONCE = 1 << 22
+"""Largest number of segments whose depths are kept together, 16 bytes each."""
 
 
 class Capacities(NamedTuple):
@@ -68,7 +74,7 @@ _SHAFTS = _SAMPLES._replace(by_shafts=True)
 _NEAREST = _Kind("trace_nearest", "settle_nearest", "record_rays", False)
 
 
-class _Chunk(NamedTuple):
+class Chunk(NamedTuple):
     """A chunk of rays that is being traced."""
 
     kind: _Kind
@@ -97,6 +103,7 @@ class DeviceTracer:
     def __init__(self, device: Device, capacities: Capacities = CAPACITIES) -> None:
         self.device, self._capacities = device, capacities
         self.launches = DeviceLaunches(device)
+        self.cutouts = DeviceCutouts(self.launches)
         self.undecided = self.on_cpu = self.visits = 0
         self._uploads = ReceiverUploads(device)
         self.lock = threading.RLock()
@@ -166,22 +173,40 @@ class DeviceTracer:
 
     # --- Queries ------------------------------------------------------------------------------------------------------
 
-    def trace_rays(self, tree: DeviceTree, rays: RayArguments, any_hit: bool, threads: int) -> HitArrays:
-        """The hits of valid rays."""
+    def trace_rays(
+        self,
+        tree: DeviceTree,
+        rays: RayArguments,
+        any_hit: bool,
+        threads: int,
+        cutouts: CutoutTree | None = None,
+    ) -> HitArrays:
+        """The hits of valid rays.
+
+        cutouts : of the scene, which are not in `tree`; None: there are none
+        """
         arrays, out = rays.arrays(), hit_arrays(rays.n, any_hit)
         with self.lock:
             for first in range(0, rays.n, CHUNK):
                 part = slice(first, min(first + CHUNK, rays.n))
                 n = part.stop - first
-                chunk = self.traced(tree, self._sent(arrays.part(part), rays), n, rays.cull_faces, any_hit, threads)
+                chunk = self.chunk_of(arrays.part(part), rays, any_hit)
+                self._trace(tree, chunk, threads)
                 if any_hit:
-                    out.blocked[part] = np.unpackbits(self._bits(chunk, n), count=n, bitorder="little")
+                    self._block(chunk, cutouts, threads)
+                    out.blocked[part] = np.unpackbits(self.bits(chunk, n), count=n, bitorder="little")
                 else:
-                    self._report_here(tree, chunk, threads, HitArrays(*(a[part] if len(a) else a for a in out)))
+                    here = HitArrays(*(a[part] if len(a) else a for a in out))
+                    self._report_here(tree, chunk, cutouts, here, threads)
         return out
 
     def trace_resident(
-        self, tree: DeviceTree, rays: ResidentRays, any_hit: bool, threads: int
+        self,
+        tree: DeviceTree,
+        rays: ResidentRays,
+        any_hit: bool,
+        threads: int,
+        cutouts: CutoutTree | None = None,
     ) -> tuple[DeviceArray, ...]:
         """The hits of rays on the device, there: blocked, or face, t, u and v, as in `HitArrays`.
 
@@ -194,20 +219,13 @@ class DeviceTracer:
             buffers, n = rays.in_frame(self.launches), rays.n
             chunk = self.traced(tree, buffers, n, rays.cull_faces, any_hit, threads)
             if any_hit:
+                self._block(chunk, cutouts, threads)
                 blocked = self._new("the answers", rays.shape, np.bool_)
                 self.launches.launch("write_blocked", (chunk.work.out, n, blocked.memory.address), n)
                 return (blocked,)
             kinds = np.int32, np.float64, np.float32, np.float32
             hits = tuple(self._new("the hits", rays.shape, kind) for kind in kinds)
-            addresses = HitBuffers(*(each.memory.address for each in hits))
-            records = self._report(tree, chunk, addresses)
-            if len(records):
-                numbers = settling.heads_of(records)[:, settling.RAY], *settling.numbers_of(records, tree.bvh, threads)
-                sent = [
-                    self.launches.sent(f"number {k}", np.ascontiguousarray(each), "the CPU's answers")
-                    for k, each in enumerate(numbers)
-                ]
-                self.launches.launch("write_numbers", (addresses, *sent, len(records)), len(records))
+            self._report(tree, chunk, cutouts, HitBuffers(*(each.memory.address for each in hits)), threads)
             return hits
 
     def _new(self, what: str, shape: tuple[int, ...], dtype: DTypeLike) -> DeviceArray:
@@ -216,9 +234,9 @@ class DeviceTracer:
 
     def traced(
         self, tree: DeviceTree, rays: RayBuffers, n: int, cull_faces: int, any_hit: bool, threads: int
-    ) -> "_Chunk":
+    ) -> "Chunk":
         """Trace n rays of buffers on the device. Their states or slots are at `out` of the work."""
-        chunk = _Chunk(_ANY if any_hit else _NEAREST, rays, self._work(0, n, cull_faces), None)
+        chunk = Chunk(_ANY if any_hit else _NEAREST, rays, self._work(0, n, cull_faces), None)
         self._trace(tree, chunk, threads)
         return chunk
 
@@ -236,20 +254,64 @@ class DeviceTracer:
         bits : (h, w, ceil(spp / 64)) uint64
         shafts : whether shafts trace the query, if they suit it, instead of single rays
         """
-        spp, receivers = query.samples.shape[1], query.sides.size
-        words = bits.reshape(receivers, -1)
+        spp, words = query.samples.shape[1], bits.reshape(query.sides.size, -1)
         shafts = shafts and suits_shafts(tree.reach, query)
         at_once = whole_squares(max(CHUNK // spp, 1), query) if shafts else max(CHUNK // spp, 1)
         with self.lock:
-            buffers = self._sample_buffers(tree, query, threads)
-            for first in range(0, receivers, at_once):
-                n = min(at_once, receivers - first)
-                work = self._work(first * spp, n * spp, query.cull_faces)
-                chunk = _Chunk(_SHAFTS if shafts else _SAMPLES, buffers, work, query)
+            for chunk, rows in self.parts(query, at_once, threads, tree, shafts):
                 self._trace(tree, chunk, threads)
-                words[first : first + n] |= _words_of(self._bits(chunk, n * spp), n, spp)
+                words[rows] |= words_of(self.bits(chunk, chunk.work.n), len(words[rows]), spp)
                 if progress is not None:
-                    progress(first + n, receivers)
+                    progress(rows.stop, len(words))
+
+    def add_shadows(self, cutouts: CutoutTree, query: ShadowQuery, bits: NDArray[np.uint64], threads: int) -> None:
+        """Set bit s of ``bits[y, x]`` where cut-outs block the light of sample s, as `alpha_cutouts.add_shadows`."""
+        spp, words = query.samples.shape[1], bits.reshape(query.sides.size, -1)
+        with self.lock:
+            for chunk, rows in self.parts(query, max(CHUNK // spp, 1), threads):
+                self.cutouts.sum_depths(cutouts, _samples_of(chunk), chunk.work, words[rows], False, threads)
+                words[rows] |= words_of(self.bits(chunk, chunk.work.n), len(words[rows]), spp)
+
+    def shares(
+        self, cutouts: CutoutTree, query: ShadowQuery, bits: NDArray[np.uint64], threads: int
+    ) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
+        """The transmittances of receivers to which light comes through cut-outs, for `transmission.transmission`.
+
+        bits : (h, w, ceil(spp / 64)) uint64, the answer to the query, in which cut-outs are included
+
+        Returns
+        -------
+        receivers : (k,) int64, ascending
+        values : (k, spp, channels) float32
+        """
+        spp, words = query.samples.shape[1], bits.reshape(query.sides.size, -1)
+        receivers, values = [np.empty(0, np.intp)], [np.empty((0, spp, cutouts.channels), np.float32)]
+        with self.lock:
+            for chunk, rows in self.parts(query, max(_SUMS_AT_ONCE // spp, 1), threads):
+                depths = self.cutouts.sum_depths(cutouts, _samples_of(chunk), chunk.work, words[rows], True, threads)
+                lit = np.flatnonzero(words_of(self.bits(chunk, chunk.work.n), len(words[rows]), spp).any(1))
+                if len(lit):
+                    receivers.append(rows.start + lit)
+                    values.append(self.cutouts.shares(depths, lit, cutouts.channels))
+        return np.concatenate(receivers), np.concatenate(values)
+
+    def chunk_of(self, arrays: RayArrays, rays: RayArguments, any_hit: bool) -> Chunk:
+        """A part of a ray list, sent to the device; nothing is traced."""
+        work = self._work(0, len(arrays.origins), rays.cull_faces)
+        return Chunk(_ANY if any_hit else _NEAREST, self._sent(arrays, rays), work, None)
+
+    def parts(
+        self, query: ShadowQuery, at_once: int, threads: int, tree: DeviceTree | None = None, shafts: bool = False
+    ) -> Iterator[tuple[Chunk, slice]]:
+        """The segments of a query, some receivers at a time; nothing is traced.
+
+        tree : one that may have been built for these receivers
+        """
+        buffers, spp, receivers = self._sample_buffers(tree, query, threads), query.samples.shape[1], query.sides.size
+        for first in range(0, receivers, at_once):
+            n = min(at_once, receivers - first)
+            work = self._work(first * spp, n * spp, query.cull_faces)
+            yield Chunk(_SHAFTS if shafts else _SAMPLES, buffers, work, query), slice(first, first + n)
 
     # --- Uploads ------------------------------------------------------------------------------------------------------
 
@@ -289,16 +351,16 @@ class DeviceTracer:
             -1 if skip else int(rays.skip),
         )
 
-    def _receivers_of(self, tree: DeviceTree, query: ShadowQuery, threads: int) -> tuple[int, int]:
+    def _receivers_of(self, tree: DeviceTree | None, query: ShadowQuery, threads: int) -> tuple[int, int]:
         """The addresses of receivers and normals: those that the tree was built for, or copies until the next call."""
-        for kept in tree.receivers:
+        for kept in () if tree is None else tree.receivers:
             if kept.are_of(query):
                 return kept.memory.address, 0 if kept.normals is None else kept.normals.address
         block = self.launches.block("receivers", 16 * query.sides.size, "the receivers")
         self._uploads.write(query, block, threads)
         return block.address, 0
 
-    def _sample_buffers(self, tree: DeviceTree, query: ShadowQuery, threads: int) -> SampleBuffers:
+    def _sample_buffers(self, tree: DeviceTree | None, query: ShadowQuery, threads: int) -> SampleBuffers:
         send, p = self.launches.sent, query.light
         own = query.ids is not query.faces and not np.array_equal(query.ids, query.faces)
         faces = bool((query.faces >= 0).any())
@@ -324,7 +386,7 @@ class DeviceTracer:
     def _counts(self) -> NDArray[np.int32]:
         return self._read("counts", (COUNTS,), np.int32)
 
-    def _trace(self, tree: DeviceTree, chunk: _Chunk, threads: int) -> None:
+    def _trace(self, tree: DeviceTree, chunk: Chunk, threads: int) -> None:
         """Trace a chunk of rays and decide all their tests. Their states or slots stay on the device."""
         waiting = self._round(tree, chunk, None, threads)
         at_once = 2 * (chunk.work.n - len(waiting))
@@ -337,7 +399,7 @@ class DeviceTracer:
             at_once, waiting = 2 * (len(now) - len(full)), np.concatenate([full, later])
 
     def _round(
-        self, tree: DeviceTree, chunk: _Chunk, which: NDArray[np.int32] | None, threads: int
+        self, tree: DeviceTree, chunk: Chunk, which: NDArray[np.int32] | None, threads: int
     ) -> NDArray[np.int32]:
         """Trace some rays of a chunk, or all, and decide their tests. Return those that found the list full."""
         work, counts, n = chunk.work, self.launches.block("counts", 0, ""), chunk.work.n
@@ -357,7 +419,7 @@ class DeviceTracer:
         states = self._read("out", (chunk.work.n,), np.int32)
         return np.flatnonzero(states == AGAIN).astype(np.int32) if which is None else which[states[which] == AGAIN]
 
-    def _launch_shafts(self, tree: DeviceTree, chunk: _Chunk, query: ShadowQuery) -> None:
+    def _launch_shafts(self, tree: DeviceTree, chunk: Chunk, query: ShadowQuery) -> None:
         """Trace a chunk by shafts, once the parts of its tiles are listed."""
         work, spp = chunk.work, query.samples.shape[1]
         tiles = tiles_of(query, work.first // spp, work.n // spp)
@@ -369,7 +431,7 @@ class DeviceTracer:
         self.launches.launch("trace_shafts", (tree.buffers, chunk.rays, work, tiles), tiles.n * spp)
         self.visits += int(self._counts()[VISITS])
 
-    def _settle(self, tree: DeviceTree, chunk: _Chunk, pairs: int, threads: int) -> None:
+    def _settle(self, tree: DeviceTree, chunk: Chunk, pairs: int, threads: int) -> None:
         """Decide the listed tests: in float64 on the device, and what is left on the CPU."""
         work, counts, begin, at_once = chunk.work, self.launches.block("counts", 0, ""), 0, pairs
         while begin < pairs:
@@ -388,7 +450,7 @@ class DeviceTracer:
                 self._decide(tree, chunk, self._read("rest", (left, RECORD), np.float64), threads)
             begin += n
 
-    def _decide(self, tree: DeviceTree, chunk: _Chunk, records: settling.Records, threads: int) -> None:
+    def _decide(self, tree: DeviceTree, chunk: Chunk, records: settling.Records, threads: int) -> None:
         """Decide tests on the CPU, and send the answers."""
         work = chunk.work
         if chunk.kind.any_hit:
@@ -399,12 +461,9 @@ class DeviceTracer:
 
     def _mark(self, rays: NDArray[np.int32], values: NDArray[np.int32]) -> None:
         """Write the states of some rays, or the slots of their hits."""
-        if len(rays):
-            marks = self.launches.sent("marks", np.stack([rays, values], 1).astype(np.int32), "the CPU's answers")
-            out = self.launches.block("out", 0, "").address
-            self.launches.launch("mark_rays", (out, marks, len(rays)), len(rays))
+        self.launches.mark(self.launches.block("out", 0, "").address, rays, values)
 
-    def _trace_on_cpu(self, tree: DeviceTree, chunk: _Chunk, rays: NDArray[np.int32], threads: int) -> None:
+    def _trace_on_cpu(self, tree: DeviceTree, chunk: Chunk, rays: NDArray[np.int32], threads: int) -> None:
         """Trace rays whose undecided tests do not fit the list."""
         work = chunk.work._replace(which=self.launches.sent("which", rays, "the rays"))
         for begin in range(0, len(rays), work.rest_capacity):
@@ -413,7 +472,7 @@ class DeviceTracer:
             records = self._read("rest", (n, RECORD), np.float64)
             self._mark(rays[begin : begin + n], self._answers(tree, chunk, records, threads))
 
-    def _answers(self, tree: DeviceTree, chunk: _Chunk, records: settling.Records, threads: int) -> NDArray[np.int32]:
+    def _answers(self, tree: DeviceTree, chunk: Chunk, records: settling.Records, threads: int) -> NDArray[np.int32]:
         """The states of recorded rays, or the slots of their nearest hits, by the CPU's walk."""
         work, any_hit = chunk.work, chunk.kind.any_hit
         slots = settling.traced_rays(records, tree.bvh, work.cull_faces, any_hit, threads)
@@ -428,28 +487,44 @@ class DeviceTracer:
 
     # --- Reports ------------------------------------------------------------------------------------------------------
 
-    def _bits(self, chunk: _Chunk, n: int) -> NDArray[np.uint8]:
+    def bits(self, chunk: Chunk, n: int) -> NDArray[np.uint8]:
         """Bits of n segments of a chunk, whether each is blocked; in bytes, the first bit of a byte first."""
         words = -(-n // 32)
         out = self.launches.block("words", 4 * words, "the bits of the answers").address
         self.launches.launch("pack_states", (chunk.work.out, n, out, words), words)
         return self._read("words", (words,), np.int32).view(np.uint8)
 
-    def _report_here(self, tree: DeviceTree, chunk: _Chunk, threads: int, out: HitArrays) -> None:
+    def _block(self, chunk: Chunk, cutouts: CutoutTree | None, threads: int) -> None:
+        """Mark the rays of a traced chunk that cut-outs block."""
+        if cutouts is not None:
+            assert isinstance(chunk.rays, RayBuffers)
+            self.cutouts.block(cutouts, chunk.rays, chunk.work, threads)
+
+    def _report_here(
+        self, tree: DeviceTree, chunk: Chunk, cutouts: CutoutTree | None, out: HitArrays, threads: int
+    ) -> None:
         """Write the numbers of a chunk's nearest hits to arrays on the host."""
         arrays = dict(zip(HitBuffers._fields, out[1:]))
         blocks = {name: self.launches.block(name, each.nbytes, "the hits") for name, each in arrays.items()}
-        records = self._report(tree, chunk, HitBuffers(*(each.address for each in blocks.values())))
+        hits = HitBuffers(*(each.address for each in blocks.values()))
+        self._report(tree, chunk, cutouts, hits, threads)
         for name, block in blocks.items():
             block.read(arrays[name])
-        if len(records):
-            rays = settling.heads_of(records)[:, settling.RAY]
-            out.t[rays], out.u[rays], out.v[rays] = settling.numbers_of(records, tree.bvh, threads)
 
-    def _report(self, tree: DeviceTree, chunk: _Chunk, hits: HitBuffers) -> settling.Records:
-        """Write the numbers of a chunk's nearest hits on the device. Return those that the CPU must compute."""
+    def _report(
+        self, tree: DeviceTree, chunk: Chunk, cutouts: CutoutTree | None, hits: HitBuffers, threads: int
+    ) -> None:
+        """Write the numbers of a chunk's nearest hits on the device."""
+        self._write_numbers(tree, chunk, hits, threads)
+        if cutouts is not None:
+            assert isinstance(chunk.rays, RayBuffers)
+            work = self.cutouts.nearest(cutouts, tree, chunk.rays, chunk.work, hits, threads)
+            self._write_numbers(self.cutouts.tree(cutouts), chunk._replace(work=work), hits, threads)
+
+    def _write_numbers(self, tree: DeviceTree, chunk: Chunk, hits: HitBuffers, threads: int) -> None:
+        """Write the numbers of hits in one tree, those that the CPU must compute included."""
         work, counts, n = chunk.work, self.launches.block("counts", 0, ""), chunk.work.n
-        records, begin, at_once = [], 0, n
+        begin, at_once = 0, n
         while begin < n:
             k = min(at_once, n - begin)
             counts.fill()
@@ -458,16 +533,26 @@ class DeviceTracer:
             if left > work.rest_capacity:
                 at_once = work.rest_capacity
                 continue
-            records.append(self._read("rest", (left, RECORD), np.float64))
+            if left:
+                records = self._read("rest", (left, RECORD), np.float64)
+                numbers = settling.heads_of(records)[:, settling.RAY], *settling.numbers_of(records, tree.bvh, threads)
+                sent = [
+                    self.launches.sent(f"number {i}", np.ascontiguousarray(each), "the CPU's answers")
+                    for i, each in enumerate(numbers)
+                ]
+                self.launches.launch("write_numbers", (hits, *sent, left), left)
             begin += k
-        return np.concatenate(records) if records else np.empty((0, RECORD))
+
+
+def _samples_of(chunk: Chunk) -> SampleBuffers:
+    return cast(SampleBuffers, chunk.rays)
 
 
 def _three(v: NDArray[np.float64]) -> tuple[float, float, float]:
     return float(v[0]), float(v[1]), float(v[2])
 
 
-def _words_of(bits: NDArray[np.uint8], n: int, spp: int) -> NDArray[Any]:
+def words_of(bits: NDArray[np.uint8], n: int, spp: int) -> NDArray[Any]:
     """(n, ceil(spp / 64)) unsigned: the bits of n receivers, spp each, that follow each other without gaps."""
     if spp in (8, 16, 32):
         return bits[: n * spp // 8].view(f"<u{spp // 8}")[:, None]

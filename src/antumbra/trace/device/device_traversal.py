@@ -8,6 +8,8 @@ Any hit. A ray ends at its first sure hit. Nearest hit. The bounds of each sure 
 others are rivals, which are listed like undecided tests.
 
 A ray that finds the list full stops, and is traced again later.
+
+`walk_candidates` leaves each test that float32 does not exclude to a *visitor*, which decides at once, in float64.
 """
 
 from typing import NamedTuple
@@ -106,7 +108,7 @@ class _Axis(NamedTuple):
     back: bool  # whether it enters through upper planes
 
 
-class _Slabs(NamedTuple):
+class Slabs(NamedTuple):
     """A ray prepared for boxes."""
 
     x: _Axis
@@ -116,19 +118,24 @@ class _Slabs(NamedTuple):
 
 
 @inlined
-def _axis_of(o, d, reach, along, turn, fits):
-    inverse, near, far = plane_offsets(splat1(o), splat1(d), splat1(reach), splat1(along), splat1(turn), splat1(fits))
-    entries, scale = mask_from_bits4(3), extract(inverse, 0)
-    offsets = select(entries, splat4(extract(near, 0)), splat4(extract(far, 0)))
-    return _Axis(splat4(scale), offsets, scale < np.float32(0.0))
+def axis_between(inverse, near, far):
+    """The `_Axis` of an inverse and the offsets of entries and exits, as from `plane_offsets`; float32."""
+    offsets = select(mask_from_bits4(3), splat4(near), splat4(far))
+    return _Axis(splat4(inverse), offsets, inverse < np.float32(0.0))
 
 
 @inlined
-def _slabs_of(tree, o, d, tmin):
-    """The `_Slabs` of a ray; o, d, tmin: float32."""
+def _axis_of(o, d, reach, along, turn, fits):
+    inverse, near, far = plane_offsets(splat1(o), splat1(d), splat1(reach), splat1(along), splat1(turn), splat1(fits))
+    return axis_between(extract(inverse, 0), extract(near, 0), extract(far, 0))
+
+
+@inlined
+def slabs_of(tree, o, d, tmin):
+    """The `Slabs` of a ray; o, d, tmin: float32."""
     largest, reach = max_magnitude(d), larger(max_magnitude(o), largest_of(tree.reach))
     fits, (along, turn) = boxes_fit(largest, reach), raised_to(largest, reach)
-    return _Slabs(
+    return Slabs(
         _axis_of(o[0], d[0], tree.reach[0], along, turn, fits),
         _axis_of(o[1], d[1], tree.reach[1], along, turn, fits),
         _axis_of(o[2], d[2], tree.reach[2], along, turn, fits),
@@ -144,23 +151,30 @@ def _times(nodes, at, axis):
 
 
 @inlined
-def _enter(nodes, node, box, limit):
-    """Whether a ray enters each child's box before `limit`: (left, right, whether it enters the left one first)."""
+def entries(nodes, node, box, limit):
+    """(whether a ray enters the left child's box before `limit`, the right one's, the t of both entries, at most)."""
     at = line_at(node)
     x, y, z = _times(nodes, at, box.x), _times(nodes, at + 4, box.y), _times(nodes, at + 8, box.z)
     near = maximum(maximum(x, y), maximum(z, box.tmin))
     far = minimum(minimum(x, y), minimum(z, splat4(limit)))
     left, right = extract(near, 0), extract(near, 1)
-    return left <= extract(far, 2), right <= extract(far, 3), left <= right
+    return left <= extract(far, 2), right <= extract(far, 3), left, right
+
+
+@inlined
+def _enter(nodes, node, box, limit):
+    """Whether a ray enters each child's box before `limit`: (left, right, whether it enters the left one first)."""
+    left, right, near_left, near_right = entries(nodes, node, box, limit)
+    return left, right, near_left <= near_right
 
 
 # --- Triangles --------------------------------------------------------------------------------------------------------
 
 
 @inlined
-def filter_triangle(tree, slot):
-    """(`FilterTriangles` of the triangle in a slot, in one lane, its index)."""
-    words = f32_at(tree.triangles)
+def filter_triangle(triangles, slot):
+    """(`FilterTriangles` of the triangle in a slot of `TreeBuffers.triangles`, in one lane, its index)."""
+    words = f32_at(triangles)
     a, b, c = (
         load4_aligned(words, TRIANGLE * slot),
         load4_aligned(words, TRIANGLE * slot + 4),
@@ -215,7 +229,7 @@ def walk(tree, r, j, any_hit, work):
     d = f(r.ray.dx), f(r.ray.dy), f(r.ray.dz)
     tmin, limit, lower = f(r.ray.tmin), f(r.ray.tmax), _INF
     best = np.int64(CLEAR if any_hit else NO_HIT)
-    box, line = _slabs_of(tree, o, d, tmin), _filter_ray(tree, o, d, tmin, limit)
+    box, line = slabs_of(tree, o, d, tmin), _filter_ray(tree, o, d, tmin, limit)
     stack, height, link = stack_i32(STACK), 0, np.int64(0)
     while True:
         while link >= 0:
@@ -233,7 +247,7 @@ def walk(tree, r, j, any_hit, work):
         if link != EMPTY:
             leaf = bvh_leaf(link)
             for slot in range(leaf.first, leaf.first + leaf.count):
-                triangle, prim = filter_triangle(tree, slot)
+                triangle, prim = filter_triangle(tree.triangles, slot)
                 if prim == r.skip:
                     continue
                 tests = filter_hits(line if any_hit else _until(line, limit), triangle)
@@ -253,5 +267,59 @@ def walk(tree, r, j, any_hit, work):
                     return np.int64(AGAIN)
         if height == 0:
             return best
+        height -= 1
+        link = np.int64(get(stack, height))
+
+
+# --- The walk of a visitor --------------------------------------------------------------------------------------------
+
+
+GO_ON, UNDECIDED = 0, 3
+"""Answers of a visitor besides BLOCKED: the walk goes on; float64 does not suffice, and the CPU traces the ray."""
+
+
+def visit(visitor, r, slot, prim):
+    """In kernels: test the triangle in a slot, whose index is `prim`: GO_ON, or the answer that ends the walk.
+
+    The type of the visitor selects the implementation. Its field `limit` points to a float32, at or behind the largest
+    t of interest, which `visit` may reduce.
+    """
+
+
+@inlined
+def walk_candidates(tree, r, visitor):
+    """Visit the triangles that float32 does not exclude, roughly in the order of t. The last answer of `visit`."""
+    nodes, links, f = f32_at(tree.nodes), i32_at(tree.nodes), np.float32
+    o = f(r.ray.ox), f(r.ray.oy), f(r.ray.oz)
+    d = f(r.ray.dx), f(r.ray.dy), f(r.ray.dz)
+    tmin = f(r.ray.tmin)
+    box, line = slabs_of(tree, o, d, tmin), _filter_ray(tree, o, d, tmin, f(r.ray.tmax))
+    stack, height, link = stack_i32(STACK), 0, np.int64(0)
+    while True:
+        while link >= 0:
+            left, right, left_first = _enter(nodes, link, box, get(visitor.limit, 0))
+            left_link, right_link = np.int64(get(links, link_at(link, 0))), np.int64(get(links, link_at(link, 1)))
+            if left and right:
+                put(stack, height, right_link if left_first else left_link)
+                height += 1
+                link = left_link if left_first else right_link
+            elif left or right:
+                link = left_link if left else right_link
+            else:
+                link = np.int64(EMPTY)
+        if link != EMPTY:
+            leaf = bvh_leaf(link)
+            for slot in range(leaf.first, leaf.first + leaf.count):
+                triangle, prim = filter_triangle(tree.triangles, slot)
+                if prim == r.skip:
+                    continue
+                tests = filter_hits(_until(line, get(visitor.limit, 0)), triangle)
+                if tests.hits == 0 and tests.unsure == 0:
+                    continue
+                answer = np.int64(visit(visitor, r, slot, prim))
+                if answer != GO_ON:
+                    return answer
+        if height == 0:
+            return np.int64(GO_ON)
         height -= 1
         link = np.int64(get(stack, height))

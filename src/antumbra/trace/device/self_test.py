@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ...base.files import make_folder
 from ...bvh import lbvh, ploc
 from ...bvh.binned_sah import build
+from ...bvh.instance_trees import InstanceTrees
 from ...bvh.nodes import LINK, Bvh
 from ...bvh.refit import refit
 from ...bvh.tree_quality import sah_cost
@@ -32,10 +33,20 @@ from ...query.light_samples import light_samples
 from ...query.ray_list import HitArrays, RayArguments, hit_arrays, segments_between
 from ...query.receivers import FREE, surface_receivers
 from ...query.shadow_query import ShadowQuery, new_bits, with_receivers
+from ...scene.alpha_masks import AlphaMask, cutouts_of
+from ...scene.instance_data import InstanceData
+from ...scene.instances import InstancedMeshes
 from ...scene.lights import Light, QuadLight, SphereLight
+from ...scene.materials import CLAMP, MIRROR, REPEAT
+from ...scene.mesh import Mesh
 from ...scene.triangle_setup import survey
+from ..alpha_cutouts import CutoutTree, add_hits, add_shadows, tree_of_cutouts
+from ..rays.instance_batches import trace_list
+from ..rays.instance_rays import InstanceForest
 from ..rays.ray_batches import RayTracer
 from ..rays.single_rays import as_built, trace_shadow
+from ..transmission import shares_of
+from .device_instances import ForestTracer
 from .device_kernels import KERNELS
 from .device_launches import DeviceLaunches
 from .device_tracer import BUILDERS, CAPACITIES, Capacities, DeviceTracer
@@ -302,7 +313,85 @@ def _compared_vertices(device: Device) -> Iterator[Comparison]:
     yield from ((framed.fetch(), expected), (framed.with_area, with_area), (framed.bounds, bounds))
 
 
-COMPARISONS: list[Callable[[Device], Iterator[Comparison]]] = [_compared_trees, _compared_vertices]
+def _masked() -> tuple[Bvh, CutoutTree]:
+    """(solid triangles, cut-outs) of the scene: half of the faces have holes, or are coloured panes."""
+    rng, vertices = np.random.default_rng(58), _cases().vertices
+    holes = AlphaMask((rng.random((16, 16)) < 0.5).astype(np.uint8), np.array([[1.0] * 3, [0.0] * 3]), (REPEAT, MIRROR))
+    pane = AlphaMask(np.zeros((1, 1), np.uint8), np.array([[0.9, 0.6, 0.3]]), (CLAMP, CLAMP))
+    uv = rng.uniform(-2, 3, (len(vertices), 3, 2)).astype(np.float32)
+    cutouts = cutouts_of(uv, rng.choice(np.array([-1, -1, 0, 1], np.int32), len(vertices)), [holes, pane])
+    assert cutouts is not None
+    solid = build(vertices[cutouts.solid], 1)
+    tree = tree_of_cutouts(cutouts, vertices[cutouts.faces], vertices.reshape(-1, 9), 1)
+    return solid._replace(prim_ids=cutouts.solid[solid.prim_ids]), tree
+
+
+def _compared_cutouts(device: Device) -> Iterator[Comparison]:
+    """Hits on faces with holes and panes, and the light that passes through them."""
+    cases, (solid, cutouts) = _cases(), _masked()
+    wide, answers = RayTracer(widen(solid, 1)), []
+    for rays, any_hit in _lists(cases):
+        hits = hit_arrays(rays.n, any_hit)
+        wide.trace(rays, any_hit, hits, 1)
+        add_hits(cutouts, rays.arrays(), rays.cull_faces, any_hit, hits, 1)
+        answers.append(hits)
+    for capacities in _CAPACITIES:
+        tracer = DeviceTracer(device, capacities)
+        tree = tracer.tree(solid)
+        for (rays, any_hit), hits in zip(_lists(cases), answers, strict=True):
+            found = tracer.trace_rays(tree, rays, any_hit, 1, cutouts)
+            yield from zip(_columns(found, any_hit), _columns(hits, any_hit), strict=True)
+        for query in cases.queries:
+            bits = new_bits(query)
+            tracer.trace_shadow(tree, query, bits, 1)
+            with_cutouts = bits.copy()
+            tracer.add_shadows(cutouts, query, with_cutouts, 1)
+            add_shadows(cutouts, query, bits, 1)
+            yield with_cutouts, bits
+            yield from zip(tracer.shares(cutouts, query, bits, 1), shares_of(cutouts, query, bits, 1), strict=True)
+
+
+def _copies() -> InstanceData:
+    """Turned, mirrored and sheared copies of the scene's triangles at whole coordinates, and of its height field."""
+    rng, vertices = np.random.default_rng(59), _cases().vertices
+    parts, matrices = (vertices[:30], vertices[35:163]), []
+    for n in 6, 3:
+        linear = np.where(rng.random((n, 1, 1)) < 0.5, rng.integers(-1, 2, (n, 3, 3)), rng.normal(size=(n, 3, 3)))
+        matrix = np.concatenate([linear + 3.0 * np.eye(3), rng.integers(-20, 20, (n, 3, 1))], axis=2)
+        matrices.append(matrix)
+    white = np.ones(3, np.float32)
+    meshes = [Mesh(str(k), each.reshape(-1, 3), None, white) for k, each in enumerate(parts)]
+    return InstanceData(InstancedMeshes(meshes, matrices, "the self-test"), threads=1)
+
+
+def _compared_instances(device: Device) -> Iterator[Comparison]:
+    """Hits on copies, and the segments that they block."""
+    rng, scene = np.random.default_rng(60), _copies()
+    trees, answers = InstanceTrees(scene, build, 1), []
+    flat = scene.some_triangles(np.arange(scene.n_triangles, dtype=np.int32)).vertices
+    lists = [(_segments(rng, flat), True), *((_rays(rng, flat, facing), facing == 0) for facing in (0, 1))]
+    for rays, any_hit in lists:
+        answers.append(hit_arrays(rays.n, any_hit))
+        trace_list(trees, rays, any_hit, answers[-1], 1)
+    query = _floating_query(rng, flat)
+    bits = new_bits(query)
+    trace_shadow(InstanceForest(trees.arrays), query, bits, 1)
+    for capacities in _CAPACITIES:
+        tracer, found = ForestTracer(DeviceTracer(device, capacities)), new_bits(query)
+        forest = tracer.forest(trees)
+        for (rays, any_hit), hits in zip(lists, answers, strict=True):
+            ours = tracer.trace_rays(forest, rays, any_hit, 1)
+            yield from zip(_columns(ours, any_hit), _columns(hits, any_hit), strict=True)
+        tracer.trace_shadow(forest, query, found, 1)
+        yield found, bits
+
+
+COMPARISONS: list[Callable[[Device], Iterator[Comparison]]] = [
+    _compared_trees,
+    _compared_vertices,
+    _compared_cutouts,
+    _compared_instances,
+]
 """What the self-test compares besides the answers of queries. Modules with other kernels of devices add to it."""
 
 

@@ -30,7 +30,8 @@ def heads_of(records: Records) -> NDArray[np.int32]:
 
 
 @inlined
-def _ray_of(records, k):
+def ray_of(records, k):
+    """The ray of a record."""
     p = ptr_at(ptr(records), RECORD * k + 2)
     return Ray(
         get(p, 0), get(p, 1), get(p, 2), get(p, 3), get(p, 4), get(p, 5), get(p, 6), get(p, 7), get(p, 8), get(p, 9),
@@ -63,7 +64,7 @@ def _decide_tests(ticket, records, heads, corners, cull_faces, blocked):
     triangles = ptr(corners)
     for k in items(ticket):
         if heads[k, SLOT] >= 0:
-            side = meets(_ray_of(records, k), triangles, np.int64(heads[k, SLOT]))
+            side = meets(ray_of(records, k), triangles, np.int64(heads[k, SLOT]))
             blocked[k] = side != 0 and side != cull_faces
 
 
@@ -88,7 +89,7 @@ def _decide_nearest(records, heads, bvh, cull_faces, slots):
     # In: records and their heads, sorted by ray, the bvh, cull_faces. Out: slots
     tree, best, best_t, last = tree_of(bvh), np.int64(-1), np.float64(0.0), np.int64(-1)
     for k in range(len(heads)):
-        ray, i, slot = _ray_of(records, k), np.int64(heads[k, RAY]), np.int64(heads[k, SLOT])
+        ray, i, slot = ray_of(records, k), np.int64(heads[k, RAY]), np.int64(heads[k, SLOT])
         if i != last:
             last, best = i, np.int64(heads[k, BEST])
             if best >= 0:
@@ -118,7 +119,7 @@ def _compute_numbers(ticket, records, heads, corners, t, u, v):
     # In: records and their heads, corners of triangles. Out: t, u, v
     triangles = ptr(corners)
     for k in items(ticket):
-        ray, slot = _ray_of(records, k), np.int64(heads[k, SLOT])
+        ray, slot = ray_of(records, k), np.int64(heads[k, SLOT])
         t[k] = rounded_t(ray, triangles, slot)
         u[k], v[k] = single_weights(ray, triangles, slot)
 
@@ -142,7 +143,7 @@ def _trace_rays(ticket, records, heads, bvh, cull_faces, order, slots):
     tree = tree_of(bvh)
     for k in items(ticket):
         skip = np.int64(heads[k, SKIP])
-        slots[k] = walk(tree, _ray_of(records, k), skip, cull_faces, order, None, None)[0]
+        slots[k] = walk(tree, ray_of(records, k), skip, cull_faces, order, None, None)[0]
 
 
 def traced_rays(records: Records, bvh: Bvh, cull_faces: int, any_hit: bool, threads: int) -> NDArray[np.int32]:
