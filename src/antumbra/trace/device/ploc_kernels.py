@@ -63,7 +63,7 @@ class ActiveBuffers(NamedTuple):
 
 @kernel
 def cut_ranges(codes, n, largest, tags):  # codes, tags: addresses of int32
-    """Tag the first slot of each range: the right children of nodes of more than `largest` triangles, and slot 0."""
+    """Tag the first slots of ranges of n triangles: slot 0, and right children of nodes of more than `largest`."""
     i, keys = thread_index(), i32_at(codes)
     if i == 0:
         put(i32_at(tags), 0, 1)
@@ -104,8 +104,11 @@ def begin_roots(active):  # active: ActiveBuffers
 
 
 @kernel
-def begin_clusters(vertices, faces, clusters):  # vertices: address of float32, faces: of int32
-    """Write a cluster for each triangle."""
+def begin_clusters(vertices, faces, clusters):  # clusters: ClusterBuffers
+    """Write a cluster for each triangle.
+
+    vertices, faces : addresses of float32, 9 for each triangle of the scene, and of int32
+    """
     k = thread_index()
     if k < clusters.n:
         a, b, c = corners_of(f32_at(vertices), np.int64(get(i32_at(faces), k)))
@@ -228,8 +231,12 @@ def merge_pairs(active, clusters, merges, stays, next_id, rest):  # clusters: Cl
 
 
 @kernel
-def seat_roots(active, firsts, clusters):  # active: ActiveBuffers of the ranges' roots, firsts: address of int32
-    """Give the root of each range the first slot of its range."""
+def seat_roots(active, firsts, clusters):  # clusters: ClusterBuffers
+    """Give the root of each range the first slot of its range.
+
+    active : ActiveBuffers of the ranges' roots
+    firsts : address of int32
+    """
     i = thread_index()
     if i < active.n:
         put(i32_at(clusters.slots), get(i32_at(active.ids), i), get(i32_at(firsts), i))
