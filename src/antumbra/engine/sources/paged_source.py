@@ -333,7 +333,7 @@ class Paged:
         self.residency.begin_question()  # before memory is measured
         release_freed()
         prepared = self.accelerated.prepared  # the cut-outs are read before memory is measured
-        free = self.budget(memory)
+        free = self._budget_with_looks(memory)
         together, cells = min(free // 2, memory.passes), min(free // 8, memory.cells)
         self._joint_budget, prepared.room = together, cells
         if self._start_paging is not None:
@@ -351,6 +351,19 @@ class Paged:
             self.release()
         release_freed()
         return max(self.max_memory - RESERVED - 2 * self.residency.min_budget() - resident_memory(), 0)
+
+    def has_room(self, size: int) -> bool:
+        return size <= self.residency.budget // 2
+
+    def make_room(self, size: int, what: str) -> None:
+        left = self.residency.budget - size
+        if left < (required := self.residency.min_budget()):
+            need = -(-(self.max_memory + required - left) >> 20)
+            raise InputError(
+                f"{self.scene.name}: {self.max_memory >> 20}M of memory is not enough for {what}, or give {need}M"
+            )
+        self.residency.budget = left
+        self.residency.trim()
 
     def together(self, size: int) -> int:
         n, previous = self.at_once(size), self._batch_sizes.get(size, 0)
@@ -379,6 +392,17 @@ class Paged:
                 f"points; give at least {need}M, or reduce their number"
             )
         return free
+
+    def _budget_with_looks(self, memory: FrameMemory) -> int:
+        """`budget`, once textures of earlier frames are released if they leave too little."""
+        try:
+            return self.budget(memory)
+        except InputError:
+            if (looks := self.scene.stored_looks) is None:
+                raise
+            looks.forget()
+            release_freed()
+            return self.budget(memory)
 
     @property
     def bounds(self) -> NDArray[np.float32]:

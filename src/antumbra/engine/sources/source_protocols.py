@@ -254,6 +254,20 @@ class Memory(Protocol):
         """Bytes that arrays besides the resident parts may take. No part stays resident."""
         ...
 
+    def has_room(self, size: int) -> bool:
+        """Whether `make_room` for `size` bytes leaves half of the resident parts."""
+        ...
+
+    def make_room(self, size: int, what: str) -> None:
+        """Free `size` bytes for arrays of the frame besides those that `begin` counted.
+
+        Raises
+        ------
+        InputError
+            If the memory limit is too small for them; `what` takes the memory, and the cure.
+        """
+        ...
+
     def together(self, size: int) -> int:
         """Number of passes, or of images of their hits, to trace together; `size`: bytes of each."""
         ...
