@@ -8,6 +8,7 @@ import pytest
 import antumbra as at
 from antumbra.engine import store_building
 from antumbra.engine.sources.paged_source import Paged
+from antumbra.engine.sources.source_protocols import FrameMemory
 from antumbra.formats import obj_stream
 from antumbra.formats.gltf import gltf_file
 from antumbra.store import store_build, stored_looks
@@ -160,6 +161,18 @@ def test_textures_that_do_not_fit_are_refused(built, monkeypatch):
 
 def _textures(looks):
     return [material.texture for material in looks.materials if material.texture is not None]
+
+
+def test_room_for_rows_is_that_of_the_last_ones(built):
+    memory = at.load(built).engine.source.memory
+    memory.begin(FrameMemory(0, 0, 0))
+    whole = memory.residency.budget
+    for _ in range(50):
+        memory.make_room(whole // 10, "rows")
+    assert whole // 2 < memory.residency.budget < whole
+    with pytest.raises(at.InputError, match=r"M of memory is not enough for textures, or give \d+M"):
+        for _ in range(50):
+            memory.make_room(whole // 10, "textures", stays=True)
 
 
 def test_textures_of_earlier_pictures_are_released_for_others(built, monkeypatch):

@@ -64,7 +64,7 @@ def _make_room_for_textures(
     size = looks.decoding_bytes(shown, threads)
     if size and not memory.has_room(size):
         size -= looks.forget(shown)
-    memory.make_room(max(size, 0), _CURE)
+    memory.make_room(max(size, 0), _CURE, stays=True)
 
 
 def _textures(appearance: Appearance, options: RenderOptions) -> list[Texture]:

@@ -281,6 +281,7 @@ class Paged:
         self.store, self.residency = store, Residency(store, limit)
         self._start_paging: Paging | None = None  # the counts when the frame began
         self._joint_budget = 0  # bytes for rays that are traced together
+        self._frame_budget, self._rooms = 0, (0, 0)  # for chunks when the frame began; of `make_room`: staying, passing
         self._batch_sizes: dict[int, int] = {}  # size of an item -> number of items traced together
         self._bands, self._camera_mark = Bands(), 0  # the total of bytes read when the last camera rays were traced
         self._frame_reads = int(store.chunks.bytes.sum())  # bytes read in the last frame; initially the whole store
@@ -339,6 +340,7 @@ class Paged:
         if self._start_paging is not None:
             self._frame_reads = self.residency.paging.bytes - self._start_paging.bytes
         self.residency.budget, self._start_paging = free - together - cells, self.residency.paging
+        self._frame_budget, self._rooms = self.residency.budget, (0, 0)
         self.residency.trim()
 
     def release(self) -> None:
@@ -355,14 +357,16 @@ class Paged:
     def has_room(self, size: int) -> bool:
         return size <= self.residency.budget // 2
 
-    def make_room(self, size: int, what: str) -> None:
-        left = self.residency.budget - size
+    def make_room(self, size: int, what: str, stays: bool = False) -> None:
+        kept, passing = self._rooms
+        rooms = (kept + size, passing) if stays else (kept, size)
+        left = self._frame_budget - sum(rooms)
         if left < (required := self.residency.min_budget()):
             need = -(-(self.max_memory + required - left) >> 20)
             raise InputError(
                 f"{self.scene.name}: {self.max_memory >> 20}M of memory is not enough for {what}, or give {need}M"
             )
-        self.residency.budget = left
+        self._rooms, self.residency.budget = rooms, left
         self.residency.trim()
 
     def together(self, size: int) -> int:

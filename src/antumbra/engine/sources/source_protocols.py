@@ -258,13 +258,15 @@ class Memory(Protocol):
         """Whether `make_room` for `size` bytes leaves half of the resident parts."""
         ...
 
-    def make_room(self, size: int, what: str) -> None:
+    def make_room(self, size: int, what: str, stays: bool = False) -> None:
         """Free `size` bytes for arrays of the frame besides those that `begin` counted.
+
+        stays : whether they stay until the next frame; otherwise, they replace those of the last such call
 
         Raises
         ------
         InputError
-            If the memory limit is too small for them; `what` takes the memory, and the cure.
+            If the memory limit is too small for them; `what` names them, and the cure.
         """
         ...
 
