@@ -12,7 +12,7 @@ from ..engine.sources.source_protocols import Memory
 from ..query.shadow_query import Surfaces
 from ..scene.appearance import Appearance
 from ..scene.materials import Texture, pbr_of
-from ..scene.scene_data import FacesLooks, SceneData
+from ..scene.scene_data import LookReader, SceneData
 from ..scene.triangles import Triangles
 from .render_options import PBR, RenderOptions
 
@@ -57,7 +57,7 @@ def seen_appearance(
 
 
 def _make_room_for_textures(
-    looks: FacesLooks, appearance: Appearance, memory: Memory, options: RenderOptions, threads: int
+    looks: LookReader, appearance: Appearance, memory: Memory, options: RenderOptions, threads: int
 ) -> None:
     """Free memory for the textures that a picture decodes."""
     shown = _textures(appearance, options)

@@ -154,7 +154,7 @@ def _of_faces(values: list[Any], owner: NDArray[np.int32], faces: ArrayLike, mis
     return np.array([*values, missing])[np.where(faces >= 0, owner[faces], len(values))]
 
 
-class FacesLooks(Protocol):
+class LookReader(Protocol):
     """The looks of all faces of a store, which are read where pictures see them."""
 
     @property
@@ -293,7 +293,7 @@ class SceneData(ABC):
         return None if (appearance := self.appearance) is None else FoundLooks(appearance)
 
     @property
-    def stored_looks(self) -> "FacesLooks | None":
+    def stored_looks(self) -> "LookReader | None":
         """What finds the appearance of some faces of a store; None: they have plain colours, or see `appearance`."""
         return None
 

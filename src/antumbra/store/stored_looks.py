@@ -319,7 +319,7 @@ class LooksPart(NamedTuple):
 
 
 class SceneLooks:
-    """The looks of all faces of a scene: `scene.scene_data.FacesLooks`.
+    """The looks of all faces of a scene: `scene.scene_data.LookReader`.
 
     parts : in the order of faces
     """
