@@ -54,7 +54,7 @@ THROUGH = {
         base/pickles scene/map_degrees scene/moved_geometry
     """,
     "stores that are built and read": """
-        store/chunk_sorting
+        store/chunk_sorting store/staged_looks
     """,
     "the study of the folder": """
         city/sight/line_points city/shadow/plane_projection city/shadow/shadow_polygons

@@ -41,7 +41,7 @@ def done(monkeypatch):
         if done.limit == (stage, first):
             raise KeyboardInterrupt
         arrays = run(parts, first, last)
-        finished[stage].append(first)
+        finished.setdefault(stage, []).append(first)
         return arrays
 
     monkeypatch.setattr(staged_parts._StageParts, "_run", record)

@@ -233,16 +233,6 @@ def test_a_moving_scene_is_taken_at_its_beginning(tmp_path):
     assert any("first moment" in note for note in store.meta.notes)
 
 
-def test_textures_become_mean_colours_with_a_note(tmp_path):
-    pixels = np.random.default_rng(7).integers(0, 256, (8, 8, 3)).astype(np.uint8)
-    points = np.random.default_rng(8).normal(size=(30, 3))
-    scene = at.Scene.from_arrays(points, uv=points[:, :2], texture=pixels, name="leaves")
-    store = built(tmp_path, scene)
-    check_whole(store, scene)
-    assert store.meta.notes == ("leaves: a store keeps the mean colour of each face, without textures and normals",)
-    assert len(np.unique(scene.colours, axis=0)) > 5
-
-
 def written_as_it_is(tmp_path, path):
     """Check that the store of a file has the name, the frame and the bounds of its scene, and its triangles."""
     scene = at.load(path)

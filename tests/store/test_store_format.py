@@ -127,11 +127,11 @@ def test_metadata_that_are_written_again_are_read(whole):
     [
         (
             lambda d: with_header(d, version=1),
-            "version 1, and this antumbra reads versions 2 to 3; build it again",
+            "version 1, and this antumbra reads versions 2 to 4; build it again",
         ),
         (
-            lambda d: with_header(d, version=4),
-            "version 4, and this antumbra reads versions 2 to 3; upgrade antumbra, or build",
+            lambda d: with_header(d, version=5),
+            "version 5, and this antumbra reads versions 2 to 4; upgrade antumbra, or build",
         ),
         (lambda d: with_meta(d, seasons=4), "does not know; upgrade antumbra, or build it again"),
         (lambda d: with_meta(d, lights=[{"type": "Lava", "colour": [1, 1, 1]}]), "does not know; upgrade antumbra"),

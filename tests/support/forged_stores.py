@@ -35,6 +35,8 @@ class ForgedStore:
         self.heights = data[offset : offset + size]
         offset, size, *_ = self.meta.get("cutouts") or (0, 0)
         self.cutouts = data[offset : offset + size]
+        looks = self.meta.get("looks") or {"offset": 0, "bytes": 0}
+        self.looks = data[looks["offset"] : looks["offset"] + looks["bytes"]]
         self.arrays = []
         for chunk, (_, _, *numbers) in zip(self.chunks, rows):
             tree, palette, palette_rows = chunk_views(chunk, *numbers)
@@ -60,7 +62,7 @@ class ForgedStore:
     @property
     def data(self) -> bytes:
         """The bytes of the file, with the header's and the directory's correct checksums."""
-        body = b"".join(chunk.tobytes() for chunk in self.chunks) + self.heights + self.cutouts
+        body = b"".join(chunk.tobytes() for chunk in self.chunks) + self.heights + self.cutouts + self.looks
         meta = json.dumps(self.meta).encode()
         counts = {"chunks": len(self.table), "nodes": len(self.top), "metadata": len(meta)} | self.counts
         directory = COUNTS.pack(*counts.values()) + self.table.tobytes() + self.top.tobytes() + meta

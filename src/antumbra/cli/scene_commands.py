@@ -101,6 +101,8 @@ def _check(store: "Store | None", source: str, display: ProgressDisplay) -> None
     if (heights := store.heights()) is not None:
         heights.check()
     store.cutouts()
+    if (looks := store.looks()) is not None:
+        looks.check()
 
 
 def _store_answer(store: "Store", checked: bool) -> dict[str, Any]:

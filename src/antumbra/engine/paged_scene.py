@@ -12,10 +12,10 @@ class PagedScene(AnyScene):
     """A scene whose triangles are in a store; `antumbra.load` returns it for ``*.antumbra`` and ``*.tiles``.
 
     The scene is static. Its name, up axis, CRS, bounds, origin, cameras and lights equal those of a `Scene` of the same
-    sources, as do the results of all queries. Objects have their names, types and parents, but no mesh; there are
-    no semantic surfaces and attributes of a city, and no textures. Methods that need all triangles at once raise
-    InputError if these exceed `max_memory`. Corners have the precision of the frame; those of float32 sources are
-    exact. Unpickling a scene opens its store again, by its path.
+    sources, as do the results of all queries, and pictures show the same textures, normals and materials. Objects have
+    their names, types and parents, but no mesh; there are no semantic surfaces and attributes of a city. Methods that
+    need all triangles at once raise InputError if these exceed `max_memory`. Corners have the precision of the frame;
+    those of float32 sources are exact. Unpickling a scene opens its store again, by its path.
 
     Attributes
     ----------

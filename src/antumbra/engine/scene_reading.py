@@ -26,7 +26,7 @@ def _open_store(path: Path, options: ReadOptions) -> SceneData:
     return load_tiles(path) if path.suffix.lower() == TILES_SUFFIX else load_store(path)
 
 
-STORE = Format("store", (STORE_SUFFIX, TILES_SUFFIX), _open_store, None, None, "animation and textures")
+STORE = Format("store", (STORE_SUFFIX, TILES_SUFFIX), _open_store, None, None, "animation and semantic surfaces")
 
 SCENE_FORMATS = *FORMATS, STORE
 """All formats that `antumbra.load` reads."""

@@ -59,7 +59,7 @@ class StreamedCity:
     up = "y"
     file = "procedural city"
     duration = 0.0
-    animated = has_looks = False
+    animated = False
     notes, terrain = (), None
 
     def __init__(self, triangles: int | None = None, seed: int = 0, processes: int = 1) -> None:
@@ -75,6 +75,9 @@ class StreamedCity:
 
     def open_faces(self) -> None:
         """None: all faces are solid."""
+
+    def looks(self) -> None:
+        """None: all faces have plain colours."""
 
     @property
     def n_triangles(self) -> int:

@@ -9,6 +9,7 @@
 - `row_bands`: pictures traced in bands of rows
 - `shadow_catcher`: an invisible ground plane that shows the shadows cast on it
 - `virtual_point_lights`: instant radiosity
+- `seen_appearance`: the appearance of the triangles that a picture sees, also of stores
 - `pixel_appearance`: base colours and shading normals of pixels
 - `pixel_materials`: maps of glTF materials in pixels
 - `ggx`: the GGX lobe of glTF

@@ -20,6 +20,7 @@ from ..scene.camera import Camera
 from ..scene.height_tints import height_tints
 from ..scene.lights import Light
 from ..scene.sky import Sky
+from ..scene.triangles import Triangles
 from ..trace.counters import new_counters
 from ..trace.transmission import TracedQuery
 from .frame_request import Request
@@ -29,6 +30,7 @@ from .light_visibility import irradiance_shares
 from .pixel_appearance import albedo, eye_of, shading_normals, surface_points
 from .pixel_materials import with_materials
 from .render_options import PBR, RenderOptions
+from .seen_appearance import SeenAppearance, seen_appearance
 from .shading import Illumination, arriving_irradiance, shade
 
 # --- Results: frame, layers, ground and timings -----------------------------------------------------------------------
@@ -186,6 +188,15 @@ class FrameState:
         self.clock, self.threads, self.rays = PhaseClock(*PHASES), engine.threads, 0
         self.tally = new_counters() if request.options.counters else None
         self.known = known
+        self._seen: tuple[Triangles, SeenAppearance | None] | None = None
+
+    def appearance_of(self, triangles: Triangles) -> SeenAppearance | None:
+        """The appearance of triangles that pixels see, as `seen_appearance`; the last one is kept."""
+        if self._seen is None or self._seen[0] is not triangles:
+            tracer = self.tracer
+            found = seen_appearance(tracer.scene, tracer.memory, triangles, self.request.options, self.threads)
+            self._seen = triangles, found
+        return self._seen[1]
 
 
 def queries_of(state: FrameState, surfaces: Surfaces, samples: list[np.ndarray]) -> list[ShadowQuery]:
@@ -268,14 +279,14 @@ def with_appearance(state: FrameState, surfaces: Surfaces, parts: int = 1) -> Su
     parts : sub-pixels along a side of a pixel
     """
     scene, request = state.tracer.scene, state.request
-    appearance = scene.appearance
-    if appearance is None:
+    seen = state.appearance_of(surfaces.triangles)
+    if seen is None:
         if request.options.textures and request.options.materials == PBR and scene.terrain is not None:
             tints = height_tints(scene, surfaces.gbuffer.position)
             surfaces = surfaces._replace(albedo=np.where(surfaces.ids[..., None] >= 0, tints, np.float32(0.0)))
         return surfaces
-    places = surface_points(surfaces)
-    if request.options.textures and (appearance.textured.any() or appearance.colours is not None):
+    appearance, places = seen.appearance, surface_points(surfaces, seen.of_pixels(surfaces))
+    if request.options.textures and seen.is_varied:
         eye = eye_of(state.tracer.view, parts)
         surfaces = surfaces._replace(albedo=albedo(places, surfaces.triangles.colour, appearance, eye, state.threads))
     if request.options.smooth_normals and appearance.normals is not None:
@@ -301,10 +312,12 @@ def unfiltered_light(
 
 def edge_colours(state: FrameState) -> NDArray[np.float32]:
     """(n, 3) float32: colours of faces for finding edges; all faces of a textured material have the same colour."""
-    colour, appearance = state.tracer.triangles.colour, state.tracer.scene.appearance
-    if appearance is None or not state.request.options.textures:
+    triangles = state.tracer.triangles
+    colour, seen = triangles.colour, state.appearance_of(triangles)
+    if seen is None or not state.request.options.textures:
         return colour
+    appearance, rows = seen.appearance, seen.rows(triangles)
     factors = np.array([material.factor[:3] for material in appearance.materials], np.float32)
-    materials = appearance.material_of_face[state.tracer.triangles.face_id]
-    varied = appearance.textured[state.tracer.triangles.face_id] | (appearance.colours is not None)
+    materials = appearance.material_of_face[rows]
+    varied = appearance.textured[rows] | (appearance.colours is not None)
     return np.where((varied & (materials >= 0))[:, None], factors[materials], colour)

@@ -32,16 +32,14 @@ class SurfacePoints(NamedTuple):
     normal: np.ndarray  # (H, W, 3) float32, geometric
     depth: np.ndarray  # (H, W) float32
     face: np.ndarray  # (H, W) int32, index in `corners`
-    ids: np.ndarray  # (H, W) int32, face of the scene; -1: background
+    ids: np.ndarray  # (H, W) int32, row of the appearance: face of the scene, or of those seen; -1: background
     corners: np.ndarray  # (n, 9) float32
 
 
-def surface_points(surfaces: Surfaces) -> SurfacePoints:
-    """The points of surfaces, as input of kernels."""
-    g = surfaces.gbuffer
-    return SurfacePoints(
-        g.position, g.normal, g.depth, g.face, surfaces.ids, surfaces.triangles.vertices.reshape(-1, 9)
-    )
+def surface_points(surfaces: Surfaces, ids: NDArray[np.int32] | None = None) -> SurfacePoints:
+    """The points of surfaces, as input of kernels; `ids`: rows of the appearance, if it is not that of all faces."""
+    g, rows = surfaces.gbuffer, surfaces.ids if ids is None else ids
+    return SurfacePoints(g.position, g.normal, g.depth, g.face, rows, surfaces.triangles.vertices.reshape(-1, 9))
 
 
 class TriangleFrame(NamedTuple):

@@ -45,8 +45,7 @@ class _Maps:
         assert appearance.pbr is not None
         self._places, self._appearance, self._eye, self._threads = places, appearance, eye, threads
         self._parameters, self._colour = appearance.pbr, surfaces.triangles.colour
-        ids = surfaces.ids
-        self.material = np.where(ids >= 0, appearance.material_of_face[ids], -1)
+        self.material = np.where(places.ids >= 0, appearance.material_of_face[places.ids], -1)
 
     def factors(self, of: Callable[[PbrParameters], object], neutral: object) -> NDArray[np.float32]:
         """(H, W, ...) float32: a factor of each pixel's material; `neutral` where there is none."""

@@ -177,9 +177,16 @@ class Renderer:
             precompile("filter and refinement")
         if options.smooths_edges:
             precompile("anti-aliasing")
-        if (options.textures or options.smooth_normals) and self.scene.appearance is not None:
+        data = self.scene.data
+        has_looks, has_pbr = (
+            data.appearance is not None,
+            data.appearance is not None and data.appearance.pbr is not None,
+        )
+        if (looks := data.stored_looks) is not None:
+            has_looks, has_pbr = True, looks.has_pbr
+        if (options.textures or options.smooth_normals) and has_looks:
             precompile("textures and normals")
-        if options.materials == PBR and self.scene.appearance is not None and self.scene.appearance.pbr is not None:
+        if options.materials == PBR and has_pbr:
             precompile("materials")
         if selector is not None and selector.asked.bounce:
             precompile("a diffuse bounce")

@@ -24,7 +24,7 @@ from .materials import (
     TextureMap,
     pbr_of,
 )
-from .mesh import Source
+from .mesh import Piece, Source
 from .scene_bounds import faces_of
 from .tangents import corner_tangents
 
@@ -105,6 +105,16 @@ def appearance_of(source: Source, n: int, plain: bool = False) -> Appearance | N
     parts = list(_parts(source))
     if not parts or (not plain and all(part.look.is_plain for part in parts)):
         return None
+    return _with_normals(parts, n)
+
+
+def appearance_of_piece(piece: Piece) -> Appearance | None:
+    """The appearance of the faces of all copies in a piece; None if the mesh has no look."""
+    part = _mesh_faces(piece, 0)
+    return None if part is None else _with_normals([part], faces_of(piece) * len(piece.vertices))
+
+
+def _with_normals(parts: "list[_MeshFaces]", n: int) -> Appearance:
     (normals, bends), (tangents, hands) = _normals(parts, n), _tangents(parts, n)
     return replace(_without_normals(parts, n), normals=normals, bends=bends, tangents=tangents, hands=hands)
 
@@ -127,20 +137,35 @@ def _without_normals(parts: "list[_MeshFaces]", n: int) -> Appearance:
         mapped[part.rows].reshape(of_copies)[:] = look.uv is not None if look.textured is None else look.textured
     uv = _corners(parts, "uv", np.zeros((n, 3, 2), np.float32))
     colours = _corners(parts, "colours", np.ones((n, 3, 4), np.float32))
-    textured = mapped
-    if any(material.has_maps and material.texture is None for material in materials):
-        textured = mapped & np.array([m.texture is not None for m in materials] + [False])[material_of_face]
+    textured = textured_faces(materials, material_of_face, mapped)
     return Appearance(materials, material_of_face, uv, colours, None, None, textured, mapped)
+
+
+def textured_faces(
+    materials: list[Material], material_of_face: NDArray[np.int32], mapped: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """(n,) bool: `Appearance.textured`, from `Appearance.mapped`."""
+    if any(material.has_maps and material.texture is None for material in materials):
+        has_texture = np.array([m.texture is not None for m in materials] + [False])
+        return np.asarray(mapped & has_texture[material_of_face])
+    return mapped
 
 
 def _parts(source: Source) -> Iterator[_MeshFaces]:
     first = 0
     for piece in source.pieces(0.0):
-        count, copies = faces_of(piece), len(piece.vertices)
-        if piece.look is not None and count:
-            faces = np.arange(3 * count).reshape(-1, 3) if piece.faces is None else piece.faces
-            yield _MeshFaces(piece.look, faces, first, copies, piece.linear)
-        first += count * copies
+        if (part := _mesh_faces(piece, first)) is not None:
+            yield part
+        first += faces_of(piece) * len(piece.vertices)
+
+
+def _mesh_faces(piece: Piece, first: int) -> _MeshFaces | None:
+    """The faces of a piece, whose first one has the number `first`; None if it has no look."""
+    count = faces_of(piece)
+    if piece.look is None or not count:
+        return None
+    faces = np.arange(3 * count).reshape(-1, 3) if piece.faces is None else piece.faces
+    return _MeshFaces(piece.look, faces, first, len(piece.vertices), piece.linear)
 
 
 def _corners(parts: list[_MeshFaces], name: str, out: np.ndarray) -> np.ndarray | None:

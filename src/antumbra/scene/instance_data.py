@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base.errors import InputError, one_line
 from ..base.pickles import without_cached
+from .face_looks import LookFinder, StreamedLooks
 from .instances import InstancedSource
 from .materials import Transmittance
 from .mesh import Source
@@ -144,6 +145,9 @@ class InstanceData(SceneData):
 
     def __getstate__(self) -> dict[str, Any]:
         return without_cached(self)
+
+    def looks(self) -> LookFinder | None:
+        return StreamedLooks() if self.has_looks else None
 
     @property
     def has_looks(self) -> bool:

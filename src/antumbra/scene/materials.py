@@ -197,7 +197,9 @@ OPAQUE, MASK, BLEND = "OPAQUE", "MASK", "BLEND"
 """Alpha modes, as in glTF: alpha is ignored; a hole below the cutoff; the share of light that the surface blocks."""
 
 _PREVIEW = 256  # pixels of a side that suffice for mean colours
-_BYTES_PER_PIXEL = 6  # of a decoded image with its mip levels
+BYTES_PER_PIXEL = 6
+"""Memory of a decoded image with its mip levels."""
+
 _MOST_BYTES = 1 << 22  # of an image that stays decoded before anybody needs its pixels
 
 
@@ -264,11 +266,11 @@ def check_textures(textures: Iterable[Texture], file: str) -> None:
     Pixels are counted from the headers of images, before any is decoded.
     """
     images = [each for t in textures for each in (t.picture, t.opacity) if isinstance(each, bytes)]
-    size = sum(_BYTES_PER_PIXEL * _pixel_count(image) for image in images)
+    size = sum(BYTES_PER_PIXEL * pixel_count(image) for image in images)
     check_reading(size, f"{file}: its textures", sum(map(len, images)))
 
 
-def _pixel_count(image: bytes) -> int:
+def pixel_count(image: bytes) -> int:
     """The pixels of an image; 0 if decoding it will fail."""
     try:
         width, height = checked_size(image)

@@ -12,7 +12,7 @@ from copy import copy
 from fnmatch import fnmatchcase
 from functools import cached_property
 from hashlib import sha256
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,8 +24,9 @@ from .alpha_masks import Cutouts, find_cutouts
 from .appearance import Appearance, appearance_of, plain_appearance
 from .camera import Camera
 from .crs import unit_of_crs
+from .face_looks import FoundLooks, LookFinder
 from .lights import Light
-from .materials import MONTHS, LightShare, Transmittance
+from .materials import MONTHS, LightShare, Texture, Transmittance
 from .mesh import MeshInfo, ObjectInfo, Source
 from .open_faces import FoundOpenFaces, OpenFaceFinder
 from .raster import CellWindow, Raster, RasterAxes
@@ -153,6 +154,36 @@ def _of_faces(values: list[Any], owner: NDArray[np.int32], faces: ArrayLike, mis
     return np.array([*values, missing])[np.where(faces >= 0, owner[faces], len(values))]
 
 
+class LookReader(Protocol):
+    """The looks of all faces of a store, which are read where pictures see them."""
+
+    @property
+    def is_varied(self) -> bool:
+        """Whether any face shows a texture, or colours of its corners."""
+        ...
+
+    @property
+    def has_pbr(self) -> bool:
+        """Whether `Appearance.pbr` has parameters."""
+        ...
+
+    def of(self, faces: NDArray[np.integer]) -> Appearance:
+        """The appearance of faces, (m,), in this order. Attributes are None if no face of the scene has them."""
+        ...
+
+    def row_bytes(self) -> int:
+        """Bytes of a face in an `Appearance`."""
+        ...
+
+    def decoding_bytes(self, textures: Iterable[Texture], threads: int) -> int:
+        """Memory that decoding of textures takes, beyond what is decoded."""
+        ...
+
+    def forget(self, textures: Iterable[Texture] = ()) -> int:
+        """Release decoded textures, except for some. Return their bytes."""
+        ...
+
+
 # --- The common base class of scene data ------------------------------------------------------------------------------
 
 
@@ -256,6 +287,15 @@ class SceneData(ABC):
     def has_looks(self) -> bool:
         """Whether a face has more than a colour: a texture, colours or normals of its vertices, or alpha."""
         return self.appearance is not None
+
+    def looks(self) -> LookFinder | None:
+        """Finds the looks of faces as pieces are read; None: all have plain colours."""
+        return None if (appearance := self.appearance) is None else FoundLooks(appearance)
+
+    @property
+    def stored_looks(self) -> "LookReader | None":
+        """What finds the appearance of some faces of a store; None: they have plain colours, or see `appearance`."""
+        return None
 
     @property
     def cutouts(self) -> Cutouts | None:

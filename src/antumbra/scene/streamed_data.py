@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from ..base.errors import one_line
 from .camera import Camera
+from .face_looks import LookFinder, StreamedLooks
 from .lights import Light
 from .mesh import Source
 from .open_faces import OpenFaceFinder, StreamedOpenFaces
@@ -50,6 +51,9 @@ class StreamedData(SceneData):
     @property
     def has_looks(self) -> bool:
         return self._has_looks
+
+    def looks(self) -> LookFinder | None:
+        return StreamedLooks() if self._has_looks else None
 
     def open_faces(self) -> OpenFaceFinder | None:
         return self._open_faces

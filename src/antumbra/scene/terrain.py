@@ -333,7 +333,7 @@ class StreamedTerrain(TerrainSurfaces):
     """
 
     up = "z"
-    animated = has_looks = False
+    animated = False
 
     def __init__(
         self, surface: Heights, notes: Callable[[], Iterable[str]], colour: NDArray[np.float32] = WHITE,
@@ -346,6 +346,9 @@ class StreamedTerrain(TerrainSurfaces):
 
     def open_faces(self) -> None:
         """None: all faces are solid."""
+
+    def looks(self) -> None:
+        """None: all faces have plain colours."""
 
     @property
     def unit(self) -> LengthUnit:

@@ -6,8 +6,9 @@
 - `store_data`: `StoreData`, the scene of a store
 - `face_order`: its triangles in the order of faces
 - `store_build`: build a file from scenes of any size
+- `stored_cutouts`, `stored_heights`, `stored_looks`, `stored_materials`: the sections of a file besides its chunks
 - `build_stages`: the stages of a build, and who runs their units; `read_units`: the first stage
-- `staging_files`: files of a build
+- `staging_files`, `staged_looks`: files of a build
 - `chunk_sorting`: sort triangles in Morton order, cut them into chunks, and build their trees
 - `chunk_residency`: load and evict chunks within a memory budget
 - `system_resources`: disk space, resident memory, reused buffers

@@ -15,6 +15,7 @@ from ..generate.generated_scene import StreamedCity
 from ..scene.alpha_masks import TexelMask, masks_in
 from ..scene.camera import Camera
 from ..scene.crs import unit_of_crs
+from ..scene.face_looks import FaceLooks
 from ..scene.lights import Light
 from ..scene.mesh import Piece, Source, SpannedSource
 from ..scene.open_faces import NONE_OPEN, OpenFaces
@@ -25,6 +26,7 @@ from ..scene.streamed_data import StreamedData
 from ..scene.terrain import StreamedTerrain
 from ..scene.units import LengthUnit
 from .build_stages import Records
+from .staged_looks import UnitLooks, UnitMaterials, staged_looks
 from .staging_files import MAX_RUNS, Record, StagedPieces, joined_runs, staged_pieces, surveyed
 from .store_checks import MAX_TRIANGLES
 from .store_format import PAGE, TILES_SUFFIX, HeightSection, StoredObjects, StoreMeta, meta_from_json, meta_to_json
@@ -53,7 +55,7 @@ def read_unit(
     progress : called with the number of triangles of each piece
     """
     scenes = list[StoreMeta]()
-    masks = list[TexelMask]()
+    masks, unit_looks = list[TexelMask](), UnitLooks()
     with file.open("wb") as stream:
         staged = StagedPieces(stream, store.name, max_faces)
         for scene in unit.scenes():
@@ -66,19 +68,21 @@ def read_unit(
                 n_triangles = staged.survey.n_triangles + scene.n_triangles
                 check_count(store, n_triangles)
                 check_disk_space(folder, store.name, n_triangles, stream.tell())
-            finder, first = scene.open_faces(), len(masks)
+            finder, first, looks = scene.open_faces(), len(masks), scene.looks()
             with closing(_pieces(source, unit.span)) as pieces:  # other processes may be generating them
                 for piece in pieces:
                     before = staged.survey.n_triangles
-                    staged.add(piece, NONE_OPEN if finder is None else finder.of(piece).with_masks_from(first))
+                    open_faces = NONE_OPEN if finder is None else finder.of(piece).with_masks_from(first)
+                    staged.add(piece, open_faces, unit_looks.of(looks, piece))
                     progress(staged.survey.n_triangles - before)
             masks += [] if finder is None else finder.masks
             if begins:
                 heights = None if scenes else _write_heights_of(scene, stream)
                 scenes.append(_described(scene, source)._replace(heights=heights))
-            del scene, source  # free it before the next one is opened
+            del scene, source, looks  # free them before the next one is opened
+        materials = unit_looks.write(stream)
     described = json.dumps([meta_to_json(each).decode() for each in scenes]).encode()
-    return staged.record() | {"scenes": np.frombuffer(described, np.uint8)} | masks_to_record(masks)
+    return staged.record() | {"scenes": np.frombuffer(described, np.uint8)} | masks_to_record(masks) | materials
 
 
 def check_count(store: Path, n_triangles: int) -> None:
@@ -100,8 +104,6 @@ def _write_heights_of(scene: SceneData | StreamedScene, stream: BinaryIO) -> Hei
 def _described(scene: SceneData | StreamedScene, source: Source) -> StoreMeta:
     """A scene without its size and place."""
     notes = list(getattr(scene, "read_notes", scene.notes))  # of instances, without that on their materials
-    if scene.has_looks:
-        notes.append(f"{scene.name}: a store keeps the mean colour of each face, without textures and normals")
     if scene.animated:
         notes.append(f"{scene.name}: is animated; the store shows its first moment")
     had_surfaces = getattr(scene, "city", None) is not None or getattr(scene, "lacks_surfaces", False)
@@ -171,6 +173,7 @@ class StagedScenes:
             note = f"{file}: its {n_objects:,} objects, or the ranges of their faces, are too many; all are one object"
             self.description["notes"] += (note,)
         self.bounds = self.survey.bounds()
+        self.materials = UnitMaterials(files, records, count)
 
     @cached_property
     def masks(self) -> list[TexelMask]:
@@ -184,6 +187,14 @@ class StagedScenes:
             rows = chosen[chosen[:, 0] == k, 1]
             for piece, faces in staged_pieces(self._files(k), self._records(k), int(rows[0]), int(rows[-1]) + 1):
                 yield piece, faces.with_masks_from(self._first_masks[k])
+
+    def looks(self, first: int, last: int) -> Iterator[FaceLooks]:
+        """Yield the looks of the pieces from `first` to `last`, exclusive, which index `materials`."""
+        chosen = self._numbers[first:last]
+        for k in np.unique(chosen[:, 0]).tolist():
+            rows = chosen[chosen[:, 0] == k, 1]
+            for looks in staged_looks(self._files(k), self._records(k), int(rows[0]), int(rows[-1]) + 1):
+                yield looks.numbered(self.materials.numbers[k])
 
 
 def _object_count(scenes: Sequence[StoreMeta]) -> int:

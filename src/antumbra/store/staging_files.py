@@ -15,10 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..kernels.jit import kernel
+from ..scene.face_looks import FaceLooks
 from ..scene.mesh import Piece, distinct_vertices
 from ..scene.open_faces import HIDDEN, NONE_OPEN, OpenFaces
 from ..scene.scene_bounds import Survey, faces_of
 from ..scene.triangle_setup import gather, rows_with_area
+from .staged_looks import write_looks
 from .store_format import index_dtype
 
 # --- Palettes ---------------------------------------------------------------------------------------------------------
@@ -80,6 +82,8 @@ STAGED = np.dtype(
         ("is_single", "?"),  # whether vertices are float32, else float64
         ("is_indexed", "?"),  # whether faces index the vertices, else every three are a face
         ("open", "<i8"),  # faces that are not solid, whose numbers, masks and texture coordinates follow
+        ("looks", "<i8"),  # offset of the looks of its faces, see `staged_looks`; 0: all have plain colours
+        ("has", "?", 4),  # which attributes of `FaceLooks` are there
     ]
 )
 """A piece in a file of staged pieces."""
@@ -120,8 +124,8 @@ class StagedPieces:
         self._runs, self._n_runs = list[NDArray[np.int64]](), 0
         self.first_object = 0  # number of the first object of the scene whose pieces follow
 
-    def add(self, piece: Piece, open_faces: OpenFaces = NONE_OPEN) -> None:
-        """Write a piece; a large piece is split."""
+    def add(self, piece: Piece, open_faces: OpenFaces = NONE_OPEN, looks: FaceLooks | None = None) -> None:
+        """Write a piece; a large piece is split. `looks`: of its faces; None: they have plain colours."""
         self.survey.add(piece)
         runs = object_runs(piece) + np.array([0, self.first_object])
         self._n_runs += len(runs)
@@ -130,7 +134,11 @@ class StagedPieces:
         first = 0
         for part in _split(piece, self._max_faces):
             last = first + len(part.vertices) * faces_of(part)
-            self._rows.append(self._write(part, open_faces.part(first, last)))
+            row = self._write(part, open_faces.part(first, last))
+            if looks is not None:
+                row["looks"] = self._stream.tell()
+                row["has"] = write_looks(self._stream, looks.part(first, last))
+            self._rows.append(row)
             self._places.append(part.where)
             first = last
 

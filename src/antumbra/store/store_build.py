@@ -5,6 +5,7 @@ triangles are sorted by cells of the Morton order, and buckets of cells are made
 Tiles are consecutive pieces, in the frame of them all; each is sorted and made into chunks by units of its own.
 """
 
+import json
 import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing
@@ -32,8 +33,9 @@ from .chunk_sorting import (
 from .read_units import ReadUnit, StagedScenes, check_count, read_unit
 from .staging_files import MAX_FACES, CutoutColumns, Excluded, Record, RunWriter, SortedRuns, gather_triangles
 from .store_file import Store, StoreWriter, open_store, top_tree
-from .store_format import STORE_SUFFIX, TILES_SUFFIX, HeightSection, StoreMeta
+from .store_format import STORE_SUFFIX, TILES_SUFFIX, HeightSection, LookSection, StoreMeta
 from .stored_cutouts import ordered_masks
+from .stored_looks import LookWriter
 from .tiled_store import Tile, check_one_range, manifest_to_json
 
 MIN_MEMORY = 384 << 20
@@ -158,6 +160,11 @@ class _Build:
         heights = self._description["heights"]
         if heights is not None and self.stages.run("heights", 1, lambda k, file: self._keep(heights, file)) is None:
             return None
+        looks: Records | None = None
+        if self._scenes.materials.texts:
+            looks = self.stages.run("looks", len(self._tiles), self._write_looks)
+            if looks is None:
+                return None
         self.stages.drop("read")
         of_tiles = [_of_tile(ranges, t) for t in range(len(self._tiles))]
         buckets = [_Buckets(self.stages, sort, of_tile, self._sorting) for of_tile in of_tiles]
@@ -174,7 +181,8 @@ class _Build:
         with ExitStack() as written:
             stores = list[Store]()
             for t, each in enumerate(self._tiles):
-                self._finish(each, build, _of_tile(parts, t), _Left(sort, of_tiles[t]), tile is not None)
+                left = _Left(sort, of_tiles[t], self._looks_of(t, looks))
+                self._finish(each, build, _of_tile(parts, t), left, tile is not None)
                 stores.append(written.enter_context(open_store(each.path)))
             report = self._report_of(stores)
             if tile is not None:
@@ -228,6 +236,22 @@ class _Build:
             shutil.copyfileobj(source, stream)
         return {}
 
+    def _write_looks(self, tile: int, file: Path) -> Record:
+        """Write the looks of the faces of a tile, in their order."""
+        begin, sizes = self._tiles[tile].begin, self._tiles[tile].sizes
+        with file.open("wb") as stream:
+            writer = LookWriter(stream, self._scenes.materials.texts)
+            for looks in self._scenes.looks(begin, begin + len(sizes)):
+                writer.add(looks)
+            return writer.finish(self._scenes.materials.image)
+
+    def _looks_of(self, tile: int, records: Records | None) -> "_StagedLooks | None":
+        """The looks of a tile; None if all its faces have plain colours."""
+        if records is None:
+            return None
+        fields = json.loads(records(tile)["looks"].tobytes())
+        return _StagedLooks(self.stages.file("looks", tile), LookSection(0, **fields)) if fields["materials"] else None
+
     def _build(self, buckets: "_Buckets", unit: _Range, file: Path) -> Record:
         """Make chunks of a range of buckets."""
         groups = chain.from_iterable(map(buckets.groups, range(unit.first, unit.last)))
@@ -256,6 +280,8 @@ class _Build:
                 used = (part.mask[part.mask >= 0] for part in left.cutouts())
                 masks, numbers = ordered_masks(self._scenes.masks, used)
                 meta = meta._replace(cutouts=writer.add_cutouts(lambda: left.cutouts(numbers), masks))
+            if left.looks is not None:
+                meta = meta._replace(looks=writer.add_looks(*left.looks))
             writer.finish(top_tree(table["box"], self.threads), meta)
 
     def _meta(self, n_triangles: int, boxes: np.ndarray) -> StoreMeta:
@@ -290,11 +316,18 @@ class _Build:
         self.seconds[phase], self._lap = now - self._lap, now
 
 
+class _StagedLooks(NamedTuple):
+    """The looks of a tile in a file."""
+
+    path: Path
+    section: LookSection  # without its offset
+
+
 class _Left:
     """What the units of a tile have left out of chunks; `units`: those that sorted its triangles."""
 
-    def __init__(self, records: Records, units: range):
-        self._records, self._units = records, units
+    def __init__(self, records: Records, units: range, looks: _StagedLooks | None):
+        self._records, self._units, self.looks = records, units, looks
 
     def boxes(self) -> np.ndarray:
         """(k, 2, 3) float32: the bounds of it, for each unit."""

@@ -14,7 +14,7 @@ from ..bvh.nodes import BACK_TO_FRONT, EMPTY, LINK, ORDER, UNORDERED, Bvh, boxes
 from ..bvh.tree_quality import tree_fault
 from ..scene.scene_bounds import NEAREST, flush_to_zero, frame_origin
 from ..scene.triangle_setup import rows_with_area
-from . import stored_cutouts
+from . import stored_cutouts, stored_looks
 from .store_format import (
     COUNTS,
     NODE_BYTES,
@@ -59,8 +59,10 @@ def directory_fault(meta: StoreMeta, chunks: Chunks, top: TopTree, offset: int) 
         return fault
     if meta.cutouts is not None and (fault := stored_cutouts.section_fault(meta.cutouts, meta.n_triangles)):
         return fault
+    if meta.looks is not None and (fault := stored_looks.section_fault(meta.looks, meta.n_triangles)):
+        return fault
     end = offset
-    for name, section in (("cut-outs", meta.cutouts), ("heights", meta.heights)):
+    for name, section in (("looks", meta.looks), ("cut-outs", meta.cutouts), ("heights", meta.heights)):
         if section is not None and section.offset + section.bytes != end:
             return f"its {name} do not end where the next section begins"
         end = end if section is None else section.offset

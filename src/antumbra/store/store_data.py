@@ -24,9 +24,11 @@ from .store_file import Store, open_store
 from .store_format import VERSION
 from .stored_cutouts import StoredCutouts
 from .stored_heights import StoredTerrain
+from .stored_looks import SceneLooks
 from .system_resources import MAX_MEMORY, resident_memory
 
-_OF_LOOKS = "a store keeps the mean colour"  # in notes of stores of scenes with materials
+_OF_LOOKS = "a store keeps the mean colour"  # in notes of earlier stores of scenes with materials
+_WITH_CUTOUTS = 3  # the first version that has cut-outs
 ALL_BYTES = 160
 """Memory for a triangle while all are gathered."""
 
@@ -44,7 +46,11 @@ class StoreData(SceneData):
         check_extent(meta.bounds, store.path.name)  # earlier versions built stores of narrower scenes
         self.store, self.name, self.up, self.notes, self.duration = store, meta.name, meta.up, meta.notes, 0.0
         if store.version < VERSION and any(_OF_LOOKS in note for note in meta.notes):
-            old = "was built by an earlier version, which made all faces solid; build it again if some let light pass"
+            old = "was built by an earlier version, without textures; build it again to show them"
+            if store.version < _WITH_CUTOUTS:
+                old = (
+                    "was built by an earlier version, which made all faces solid; build it again if some let light pass"
+                )
             self.notes = (*self.notes, f"{store.path.name}: {old}")
         self.meshes: list[MeshInfo] = []
         self.objects = [ObjectInfo(meta.name, -1, 0, "" if meta.heights is None else TERRAIN_TYPE)]
@@ -85,6 +91,14 @@ class StoreData(SceneData):
     def stored_cutouts(self) -> StoredCutouts | None:
         """`Store.cutouts`, read on first use."""
         return self.store.cutouts()
+
+    @property
+    def has_looks(self) -> bool:
+        return self.stored_looks is not None
+
+    @cached_property
+    def stored_looks(self) -> SceneLooks | None:
+        return self.store.looks()
 
     @property
     def cutouts(self) -> Cutouts | None:

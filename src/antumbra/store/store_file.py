@@ -43,6 +43,7 @@ from .store_format import (
     Chunks,
     CutoutSection,
     HeightSection,
+    LookSection,
     StoreMeta,
     TopTree,
     chunk_places,
@@ -53,6 +54,7 @@ from .store_format import (
 )
 from .stored_cutouts import CUTOUT_BYTES, StoredCutouts, read_cutouts, write_cutouts
 from .stored_heights import StoredHeights
+from .stored_looks import LooksPart, SceneLooks, StoredLooks
 
 # --- The top tree -----------------------------------------------------------------------------------------------------
 
@@ -160,6 +162,13 @@ class StoreWriter:
         section = write_cutouts(self._stream, self._end, parts, masks)
         self._end += section.bytes
         return section
+
+    def add_looks(self, path: Path, looks: LookSection) -> LookSection:
+        """Write the looks in a file, after all else; return their place in the store."""
+        with path.open("rb") as stream:
+            shutil.copyfileobj(stream, self._stream, _COPIED)
+        begin, self._end = self._end, self._end + looks.bytes
+        return looks._replace(offset=begin)
 
     @property
     def table(self) -> np.ndarray:
@@ -374,6 +383,17 @@ class Store:
             return None
         damaged = lambda what: InputError(f"{self.path.name}: its cut-outs {what}; {_REMEDY}")
         return read_cutouts(section, self.read, self.meta.box, self.n_triangles, damaged)
+
+    def looks(self) -> SceneLooks | None:
+        """What reads the looks of faces; None: all have plain colours."""
+        return None if (looks := self.own_looks()) is None else SceneLooks([LooksPart(0, looks)])
+
+    def own_looks(self) -> StoredLooks | None:
+        """The looks of the faces of this file."""
+        if (section := self.meta.looks) is None:
+            return None
+        damaged = lambda what: InputError(f"{self.path.name}: its looks {what}; {_REMEDY}")
+        return StoredLooks(section, self.n_triangles, self.read, damaged)
 
     def cutout_bytes(self) -> int:
         """The memory that tracing of the cut-outs takes."""

@@ -1,4 +1,4 @@
-"""The file format of a store, version 3, and its metadata. All numbers are little-endian.
+"""The file format of a store, version 4, and its metadata. All numbers are little-endian.
 
 ::
 
@@ -6,11 +6,12 @@
     chunks      each begins on a page: nodes, corners, prim_ids, palette, index, zeros up to the next page
     heights     of terrain only; begin on a page: rows of float32 or float64, zeros up to the next page
     cut-outs    if there are faces that let light pass; begin on a page, see `stored_cutouts`
+    looks       if there are textures or other materials; begin on a page, see `stored_looks`
     directory   begins on a page: `COUNTS`, a `TABLE` row for each chunk, the top tree's nodes, metadata (JSON), zeros
 
 CRC-32 checksums cover the padding, so they detect a changed byte anywhere. The header is written last, so a file whose
 build was interrupted begins with zeros. The metadata describes the scene without its triangles as JSON, from which
-floats are restored bit for bit. Version 2 had no cut-outs: all faces were solid.
+floats are restored bit for bit. Version 3 had no looks, and version 2 no cut-outs: all faces were solid.
 """
 
 import json
@@ -39,7 +40,7 @@ TILES_SUFFIX = ".tiles"  # of a manifest of several stores, see `tiled_store`
 PAGE = 4096
 NODE_BYTES = 64  # bytes of a node
 MAGIC = b"ANTUMBRA"
-VERSION = 3
+VERSION = 4
 OLDEST = 2  # that is read
 COMPLETE = 1
 HEADER = struct.Struct("<8sIIQQQI")
@@ -178,6 +179,22 @@ class CutoutSection(NamedTuple):
     crc: int  # CRC-32 of all bytes
 
 
+# --- Looks ------------------------------------------------------------------------------------------------------------
+
+
+class LookSection(NamedTuple):
+    """The place of the looks of faces in a file, and what is not in blocks; see `stored_looks`."""
+
+    offset: int
+    bytes: int  # length with its padding
+    table: int  # where the table begins in the section
+    crc: int  # CRC-32 of the table, which has those of the blocks
+    attributes: list[str]  # those that the scene has
+    is_textured: bool  # whether a face shows a base colour texture
+    images: dict[str, list[int]]  # offset in the section and length of each, by its SHA-256
+    materials: list[str]  # as from `stored_materials.material_to_json`
+
+
 # --- Metadata ---------------------------------------------------------------------------------------------------------
 
 
@@ -224,17 +241,20 @@ class StoreMeta(NamedTuple):
     heights: HeightSection | None = None  # of the terrain that is the scene
     objects: StoredObjects | None = None  # None: all faces are one object
     cutouts: CutoutSection | None = None  # None: all faces are solid
+    looks: LookSection | None = None  # None: all faces have plain colours
 
 
 def meta_to_json(meta: StoreMeta) -> bytes:
     """The metadata as JSON."""
     record = meta._asdict()
-    for name in ("crs", "raster", "unit", "heights", "objects", "cutouts"):
+    for name in ("crs", "raster", "unit", "heights", "objects", "cutouts", "looks"):
         if record[name] is None:
             del record[name]
     record["bounds"], record["origin"], record["box"] = (_plain(a) for a in (meta.bounds, meta.origin, meta.box))
     if meta.objects is not None:
         record["objects"] = meta.objects._asdict()
+    if meta.looks is not None:
+        record["looks"] = meta.looks._asdict()
     record["cameras"] = [{name: _plain(getattr(c, name)) for name in _CAMERA} for c in meta.cameras]
     record["lights"] = [_light_fields(light) for light in meta.lights]
     return json.dumps(record).encode()
@@ -260,6 +280,8 @@ def meta_from_json(data: bytes) -> StoreMeta:
         record["objects"] = StoredObjects(**record["objects"])
     if "cutouts" in record:
         record["cutouts"] = CutoutSection(*record["cutouts"])
+    if "looks" in record:
+        record["looks"] = LookSection(**record["looks"])
     return StoreMeta(**record)
 
 

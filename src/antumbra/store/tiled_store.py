@@ -39,6 +39,7 @@ from .store_data import StoreData
 from .store_file import Bytes, Directory, FaceRange, Store, open_bytes, open_store, top_tree
 from .store_format import Chunk, Chunks, StoreMeta, meta_from_json, meta_to_json
 from .stored_cutouts import ClearFaces, StoredCutouts
+from .stored_looks import LooksPart, SceneLooks
 
 VERSION = 1
 _MAX_BYTES = 1 << 28  # of a manifest
@@ -184,6 +185,10 @@ class TiledStore(Store):
             return None
         corners, colours = (np.concatenate(columns) for columns in zip(*((a.corners, a.colours) for a in arrays)))
         return StoredCutouts(joined, corners, colours, ClearFaces(*map(np.concatenate, zip(*clear))))
+
+    def looks(self) -> SceneLooks | None:
+        parts = [LooksPart(tile.first, store.own_looks()) for tile, store in zip(self.tiles, self._stores)]
+        return SceneLooks(parts) if any(part.looks is not None for part in parts) else None
 
     def cutout_bytes(self) -> int:
         return sum(store.cutout_bytes() for store in self._stores)

@@ -281,6 +281,7 @@ class Paged:
         self.store, self.residency = store, Residency(store, limit)
         self._start_paging: Paging | None = None  # the counts when the frame began
         self._joint_budget = 0  # bytes for rays that are traced together
+        self._frame_budget, self._rooms = 0, (0, 0)  # for chunks when the frame began; of `make_room`: staying, passing
         self._batch_sizes: dict[int, int] = {}  # size of an item -> number of items traced together
         self._bands, self._camera_mark = Bands(), 0  # the total of bytes read when the last camera rays were traced
         self._frame_reads = int(store.chunks.bytes.sum())  # bytes read in the last frame; initially the whole store
@@ -333,12 +334,13 @@ class Paged:
         self.residency.begin_question()  # before memory is measured
         release_freed()
         prepared = self.accelerated.prepared  # the cut-outs are read before memory is measured
-        free = self.budget(memory)
+        free = self._budget_with_looks(memory)
         together, cells = min(free // 2, memory.passes), min(free // 8, memory.cells)
         self._joint_budget, prepared.room = together, cells
         if self._start_paging is not None:
             self._frame_reads = self.residency.paging.bytes - self._start_paging.bytes
         self.residency.budget, self._start_paging = free - together - cells, self.residency.paging
+        self._frame_budget, self._rooms = self.residency.budget, (0, 0)
         self.residency.trim()
 
     def release(self) -> None:
@@ -351,6 +353,21 @@ class Paged:
             self.release()
         release_freed()
         return max(self.max_memory - RESERVED - 2 * self.residency.min_budget() - resident_memory(), 0)
+
+    def has_room(self, size: int) -> bool:
+        return size <= self.residency.budget // 2
+
+    def make_room(self, size: int, what: str, stays: bool = False) -> None:
+        kept, passing = self._rooms
+        rooms = (kept + size, passing) if stays else (kept, size)
+        left = self._frame_budget - sum(rooms)
+        if left < (required := self.residency.min_budget()):
+            need = -(-(self.max_memory + required - left) >> 20)
+            raise InputError(
+                f"{self.scene.name}: {self.max_memory >> 20}M of memory is not enough for {what}, or give {need}M"
+            )
+        self._rooms, self.residency.budget = rooms, left
+        self.residency.trim()
 
     def together(self, size: int) -> int:
         n, previous = self.at_once(size), self._batch_sizes.get(size, 0)
@@ -379,6 +396,17 @@ class Paged:
                 f"points; give at least {need}M, or reduce their number"
             )
         return free
+
+    def _budget_with_looks(self, memory: FrameMemory) -> int:
+        """`budget`, once textures of earlier frames are released if they leave too little."""
+        try:
+            return self.budget(memory)
+        except InputError:
+            if (looks := self.scene.stored_looks) is None:
+                raise
+            looks.forget()
+            release_freed()
+            return self.budget(memory)
 
     @property
     def bounds(self) -> NDArray[np.float32]:

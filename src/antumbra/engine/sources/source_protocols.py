@@ -254,6 +254,22 @@ class Memory(Protocol):
         """Bytes that arrays besides the resident parts may take. No part stays resident."""
         ...
 
+    def has_room(self, size: int) -> bool:
+        """Whether `make_room` for `size` bytes leaves half of the resident parts."""
+        ...
+
+    def make_room(self, size: int, what: str, stays: bool = False) -> None:
+        """Free `size` bytes for arrays of the frame besides those that `begin` counted.
+
+        stays : whether they stay until the next frame; otherwise, they replace those of the last such call
+
+        Raises
+        ------
+        InputError
+            If the memory limit is too small for them; `what` names them, and the cure.
+        """
+        ...
+
     def together(self, size: int) -> int:
         """Number of passes, or of images of their hits, to trace together; `size`: bytes of each."""
         ...

@@ -1,0 +1,103 @@
+"""The looks of faces in their order, piece by piece, for stores: materials, and attributes of corners."""
+
+from abc import ABC, abstractmethod
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .appearance import Appearance, appearance_of_piece
+from .materials import Material
+from .mesh import Piece
+from .scene_bounds import faces_of
+
+
+class LookWidth(NamedTuple):
+    """An attribute of faces: its numbers for each face, and the number where a face has none."""
+
+    n: int
+    default: float
+
+
+LOOK_WIDTHS = {
+    "uv": LookWidth(6, 0.0),
+    "colours": LookWidth(12, 1.0),
+    "normals": LookWidth(12, 0.0),
+    "tangents": LookWidth(10, 0.0),
+}
+"""The attributes of `FaceLooks`."""
+
+
+class FaceLooks(NamedTuple):
+    """The looks of n consecutive faces. An attribute is None if no face has it."""
+
+    kind: NDArray[
+        np.int32
+    ]  # (n,): twice the index of the material, plus 1 with texture coordinates; -1: a plain colour
+    uv: NDArray[np.float32] | None = None  # (n, 6): texture coordinates of corners
+    colours: NDArray[np.float32] | None = None  # (n, 12): colours and alphas of corners
+    normals: NDArray[np.float32] | None = None  # (n, 12): `Appearance.normals`, then `bends`
+    tangents: NDArray[np.float32] | None = None  # (n, 10): `Appearance.tangents`, then `hands`
+
+    def part(self, first: int, last: int) -> "FaceLooks":
+        """Those of the faces `first` to `last`, exclusive."""
+        kind, *columns = self
+        return FaceLooks(kind[first:last], *(None if column is None else column[first:last] for column in columns))
+
+    def numbered(self, numbers: NDArray[np.int32]) -> "FaceLooks":
+        """The looks with other numbers for their materials; `numbers`: (m,), the new one of each material."""
+        if not len(numbers):
+            return self
+        material = numbers[np.maximum(self.kind >> 1, 0)]
+        return self._replace(kind=np.where(self.kind >= 0, 2 * material + (self.kind & 1), np.int32(-1)))
+
+
+def plain_looks(n: int) -> FaceLooks:
+    """The looks of faces with plain colours."""
+    return FaceLooks(np.full(n, -1, np.int32))
+
+
+def looks_of(appearance: Appearance) -> FaceLooks:
+    """The looks of an appearance."""
+    n, a = len(appearance.material_of_face), appearance
+    mapped = a.textured if a.mapped is None else a.mapped
+    kind = np.where(a.material_of_face >= 0, 2 * a.material_of_face + mapped, -1).astype(np.int32)
+    rows = lambda array: None if array is None else array.reshape(n, -1)
+    normals = None if a.normals is None or a.bends is None else np.hstack([a.normals.reshape(n, 9), a.bends])
+    tangents = (
+        None if a.tangents is None or a.hands is None else np.hstack([a.tangents.reshape(n, 9), a.hands[:, None]])
+    )
+    return FaceLooks(kind, rows(a.uv), rows(a.colours), normals, tangents)
+
+
+class LookFinder(ABC):
+    """Finds the looks of pieces, which are given in order."""
+
+    @abstractmethod
+    def of(self, piece: Piece) -> tuple[FaceLooks, list[Material]]:
+        """The looks of a piece's faces, copy by copy, and the materials that they index."""
+
+
+class FoundLooks(LookFinder):
+    """Those of a scene in memory."""
+
+    def __init__(self, appearance: Appearance):
+        self._looks, self._materials, self._first = looks_of(appearance), appearance.materials, 0
+
+    def of(self, piece: Piece) -> tuple[FaceLooks, list[Material]]:
+        first, self._first = self._first, self._first + len(piece.vertices) * faces_of(piece)
+        return self._looks.part(first, self._first), self._materials
+
+
+class StreamedLooks(LookFinder):
+    """Those of a scene whose pieces are never all in memory.
+
+    Where a mesh is read in several pieces, a vertex at their borders lacks the faces of the others, on which the
+    tangents of a file without tangents and `Appearance.bends` depend.
+    """
+
+    def of(self, piece: Piece) -> tuple[FaceLooks, list[Material]]:
+        appearance = appearance_of_piece(piece)
+        if appearance is None:
+            return plain_looks(len(piece.vertices) * faces_of(piece)), []
+        return looks_of(appearance), appearance.materials
