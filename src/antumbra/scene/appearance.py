@@ -48,6 +48,7 @@ class Appearance:
     mapped: NDArray[np.bool_] | None = None  # (n,) bool: whether it has texture coordinates; None: as `textured`
     tangents: NDArray[np.float32] | None = None  # (n, 3, 3) float32: of corners, as `normals`, for normal maps
     hands: NDArray[np.float32] | None = None  # (n,) float32: +-1, the handedness of `tangents`; 0 where there is none
+    second_uv: NDArray[np.float32] | None = None  # (n, 3, 2) float32: coordinates of maps with a set of their own
 
     def __getstate__(self) -> dict[str, Any]:
         return without_cached(self)
@@ -130,7 +131,8 @@ def _without_normals(parts: "list[_MeshFaces]", n: int) -> Appearance:
     textured = mapped
     if any(material.has_maps and material.texture is None for material in materials):
         textured = mapped & np.array([m.texture is not None for m in materials] + [False])[material_of_face]
-    return Appearance(materials, material_of_face, uv, colours, None, None, textured, mapped)
+    second_uv = _corners(parts, "second_uv", np.zeros((n, 3, 2), np.float32))
+    return Appearance(materials, material_of_face, uv, colours, None, None, textured, mapped, second_uv=second_uv)
 
 
 def _parts(source: Source) -> Iterator[_MeshFaces]:
