@@ -79,7 +79,6 @@ class Page {
     Object.assign(this.answers, { objectOf: arrays.objectOf, states: arrays.states ?? null });
     if (about.layer) this.answers.values = new SurfaceValues(about.layer, arrays);
     await this.#start(arrays);
-    part("opening").hidden = true;
     this.#draw(arrays.states ?? null);
     await this.#prove(arrays);
   }
@@ -136,8 +135,10 @@ class Page {
     const done = pictures.every((picture) => picture.samples === picture.most);
     part("samples").textContent = done ? "" : ` · ${fill(words.samples, { n: samples, all: SAMPLES })}`;
     document.body.dataset.samples = String(samples);
-    if (!this.opened && new URLSearchParams(location.search).has("play")) this.sun.playOnce();
+    if (this.opened) return;
     this.opened = true; // something is seen
+    part("opening").hidden = !document.body.dataset.failed;
+    if (new URLSearchParams(location.search).has("play")) this.sun.playOnce();
   }
 
   /** @param {any} error */
