@@ -1,68 +1,63 @@
-"""Draws a bar chart of shadow rays per second of Antumbra and its peers, from rows of `soft_shadows`.
+"""Draws how many times as many shadow rays per second Antumbra traces as Embree, from rows of `soft_shadows`.
 
-    python benchmarks/soft_shadows.py --plans bsah+auto --threads 1 --clock cpu --json rows.json
+    python benchmarks/soft_shadows.py --threads 1 --clock cpu --json rows.json
     python benchmarks/peer_chart.py rows.json ... -o docs/images/peers.svg
 
-Each bar is the median of a library's best mode. The caption has the command, the processor and the versions.
+A bar is the geometric mean of a scene's lights; each library runs in its best mode, which is a median. The chart fits a
+telephone, and its greys suit light and dark pages.
 """
 
 import argparse
 import json
-from importlib.metadata import PackageNotFoundError, version
+import textwrap
+from html import escape
 from pathlib import Path
+from statistics import geometric_mean
 
-from antumbra.base.extras import import_extra
 from peers.ray_contest import OURS
 
-COLOURS = {OURS: "#d9480f", "Embree": "#1c7ed6", "Mitsuba": "#7048e8", "Open3D": "#868e96"}
-PACKAGES = {"embreex": "Embree", "mitsuba": "Mitsuba", "open3d": "Open3D"}
+PEER = "Embree"
+WIDTH, BAR, STEP, TOP = 420, 22, 48, 34  # units of the SVG: widths, heights, and the first row
+GREY, ORANGE = "#767c82", "#d9480f"
 
 
-def best(rows: list[dict]) -> dict[tuple[str, int], dict[str, float]]:
-    """(scene and light, threads) -> million rays per second of each library's best mode."""
-    cases: dict = {}
+def ratios(rows: list[dict]) -> dict[str, float]:
+    """Scene -> our rays per second over the peer's, best modes."""
+    best: dict[tuple[str, str], dict[str, float]] = {}
     for row in rows:
         if row["rounds"]:
-            case = cases.setdefault((f"{row['scene']}\n{row['light']} light", row["threads"]), {})
+            case = best.setdefault((row["scene"], row["light"]), {})
             library = row["family"].partition(" ")[0]
             case[library] = max(case.get(library, 0.0), row["mrays"])
-    return cases
+    scenes: dict[str, list[float]] = {}
+    for (scene, _), case in best.items():
+        scenes.setdefault(scene, []).append(case[OURS] / case[PEER])
+    return {scene: geometric_mean(each) for scene, each in scenes.items()}
 
 
-def caption(about: dict) -> str:
-    """The caption: command, processor and versions."""
-    names = []
-    for package, name in PACKAGES.items():
-        try:
-            names.append(f"{name} ({package} {version(package)})")
-        except PackageNotFoundError:
-            continue
-    command = about.get("command", "python benchmarks/soft_shadows.py")
-    return f"{command}\n{about['processor']}; {', '.join(names)}; best mode of each, medians"
+def chart(bars: dict[str, float], about: dict) -> str:
+    """The chart as SVG. `about`: the machine of the results."""
+    unit = 0.86 * WIDTH / max([1.0, *bars.values()])
+    lines = [f"{about.get('command', 'python benchmarks/soft_shadows.py')}:", about["processor"]]
+    lines = [line for part in lines for line in textwrap.wrap(part, 66)]
+    bottom = TOP + STEP * len(bars)
+    height = bottom + 12 * len(lines) + 8
 
+    def text(x: float, y: float, words: str, size: int = 15, more: str = "") -> str:
+        return f'<text x="{x:g}" y="{y:g}" font-size="{size}" {more}>{escape(words)}</text>'
 
-def draw(rows: list[dict], about: dict, output: Path) -> None:
-    """Write the chart."""
-    pyplot = import_extra("matplotlib.pyplot", "the chart", "plot")
-    cases = best(rows)
-    families = [name for name in COLOURS if any(name in case for case in cases.values())]
-    threads = {threads for _, threads in cases}
-    figure, axes = pyplot.subplots(figsize=(8, 3.6), layout="constrained")
-    width = 0.8 / len(families)
-    for k, family in enumerate(families):
-        at = [i + (k - (len(families) - 1) / 2) * width for i in range(len(cases))]
-        heights = [case.get(family, 0.0) for case in cases.values()]
-        bars = axes.bar(at, heights, 0.92 * width, color=COLOURS[family], label=family.replace(OURS, "Antumbra"))
-        axes.bar_label(bars, [f"{height:.1f}" if height else "" for height in heights], fontsize=7, padding=1)
-    axes.set_xticks(range(len(cases)), [name for name, _ in cases], fontsize=8)
-    axes.set_ylabel("million shadow rays per second", fontsize=8)
-    count = f"{' and '.join(map(str, sorted(threads)))} thread{'' if threads == {1} else 's'}"
-    axes.set_title(f"Soft shadows, {count}: more is better", fontsize=10)
-    axes.legend(fontsize=8, frameon=False, ncols=len(families))
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.set_ylim(top=1.18 * max(max(case.values()) for case in cases.values()))
-    figure.supxlabel(caption(about), fontsize=6, color="#555555")
-    figure.savefig(output, metadata={"Date": None} if output.suffix == ".svg" else None)
+    parts = [text(0, 14, f"Soft shadows: rays per second, times {PEER}", 16, 'font-weight="600"')]
+    for k, (scene, ratio) in enumerate(bars.items()):
+        y = TOP + k * STEP
+        parts.append(text(0, y + 12, scene.replace("_", " ")))
+        parts.append(f'<rect x="0" y="{y + 18}" width="{ratio * unit:.1f}" height="{BAR}" rx="2" fill="{ORANGE}"/>')
+        parts.append(text(ratio * unit + 6, y + 35, f"{ratio:.1f}"))
+    x = f'x1="{unit:.1f}" x2="{unit:.1f}"'
+    parts.append(f'<line {x} y1="{TOP + 16}" y2="{bottom - 4}" stroke="{GREY}" stroke-dasharray="4 3"/>')
+    parts += [text(0, bottom + 12 * (k + 1), line, 10) for k, line in enumerate(lines)]
+    style = f'font-family="system-ui, sans-serif" fill="{GREY}"'
+    head = f'<svg xmlns="http://www.w3.org/2000/svg" width="{WIDTH}" viewBox="0 0 {WIDTH} {height}" {style}>'
+    return "\n".join([head, *parts, "</svg>"]) + "\n"
 
 
 def main() -> None:
@@ -71,7 +66,8 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, default=Path("peers.svg"))
     options = parser.parse_args()
     files = [json.loads(path.read_text()) for path in options.rows]
-    draw([row for file in files for row in file["rows"]], files[0]["machine"], options.output)
+    bars = ratios([row for file in files for row in file["rows"]])
+    options.output.write_text(chart(bars, files[0]["machine"]), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -32,6 +32,10 @@ is faster.
 """
 
 
+LONGEST = 10
+"""Rows of a table that is not folded."""
+
+
 def load(name: str, folder: Path | None = None) -> dict[str, Any]:
     """A file of results, of docs/results/ by default."""
     return json.loads(((folder or RESULTS) / f"{name}.json").read_text(encoding="utf-8"))
@@ -52,6 +56,8 @@ def table(title: str, about: dict[str, Any], columns: Sequence[str], rows: Itera
     lines = [f"### {title}", "", f"| {' | '.join(columns)} |"]
     lines.append(f"|{'|'.join('---:' if right else '---' for right in numeric)}|")
     lines += [f"| {' | '.join(row)} |" for row in rows]
+    if len(rows) > LONGEST:
+        lines[2:] = ["<details>", f"<summary>{len(rows)} rows</summary>", "", *lines[2:], "", "</details>"]
     return "\n".join([*lines, "", source(about)]) + "\n"
 
 
@@ -80,11 +86,12 @@ def transcribed(part: str) -> Iterable[str]:
 # --- Speed ------------------------------------------------------------------------------------------------------------
 
 
-PEERS = """![Million shadow rays per second: Antumbra, Embree and Mitsuba, in four scenes](images/peers.svg)
+PEERS = """![Shadow rays per second, as multiples of Embree, in four scenes](images/peers.svg)
 
-Bars are medians over alternating rounds, on the same rays. Each peer runs in its best mode; Embree has up to 24,
-including packets and coherent streams. Peers trace rays made beforehand, while Antumbra's time includes making its own.
-The larger the light, the fewer triangles the rays of neighbouring pixels have in common, and the less shafts gain.
+Bars are geometric means of two lights, of medians over alternating rounds on the same rays. Each peer runs in its best
+mode; Embree has up to 24, including packets and coherent streams. Peers trace rays made beforehand, while Antumbra's
+time includes making its own. The larger the light, the fewer triangles the rays of neighbouring pixels have in
+common, and the less shafts gain.
 """
 
 
@@ -115,9 +122,11 @@ def moving_scenes() -> str:
 def trees() -> Iterable[str]:
     for name in ("build", "build-hills"):
         results = load(name)
-        rows = [[r["scene"], r["method"], f"{r['median_ms']:,.0f}"] for r in results["rows"]]
+        times = {(r["method"], r["scene"]): f"{r['median_ms']:,.0f}" for r in results["rows"]}
+        methods, scenes = (list(dict.fromkeys(pair[k] for pair in times)) for k in (0, 1))
+        rows = [[method, *(times.get((method, scene), "") for scene in scenes)] for method in methods]
         which = "of 10 million triangles" if name == "build-hills" else "of scenes"
-        yield table(f"Building trees {which}", results["machine"], ["scene", "method", "ms"], rows)
+        yield table(f"Building trees {which}: ms", results["machine"], ["method", *scenes], rows)
 
 
 REBUILD = (

@@ -20,12 +20,12 @@ def _camera(eye: tuple[float, ...], target: tuple[float, ...], vfov: float) -> a
 
 
 def _city_view() -> at.Camera:
-    return _camera((95.0, 90.0, 100.0), (0.0, -2.0, 0.0), 36.0)
+    return _camera((125.0, 102.0, 133.0), (0.0, -4.0, 0.0), 36.0)
 
 
 def city(path: Path) -> None:
     """The shadows of a city, which are long in the morning."""
-    scene = at.procedural("city", triangles=20_000)
+    scene = at.procedural("city", triangles=50_000)
     scene.page(path, title="A city", when=f"{SPRING}T07:45", place=PLACE, camera=_city_view(), credits=_CREDITS)
 
 

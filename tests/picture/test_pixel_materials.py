@@ -173,6 +173,34 @@ def test_a_map_has_a_transform_of_its_own(tmp_path):
     np.testing.assert_allclose(frame.image[frame.mask], 1.0, rtol=1e-5)  # all of it is the white texel
 
 
+@pytest.mark.parametrize("moved", [False, True], ids=["as they are", "transformed"])
+def test_maps_may_have_the_second_texture_coordinates(tmp_path, moved):
+    made = Gltf()
+    pixels = np.zeros((2, 2, 3), np.uint8)
+    pixels[0, 1] = 255
+    info = texture(made, pixels) | {"texCoord": 1}
+    second, shift = np.full((4, 2), (0.75, 0.25)), {"KHR_texture_transform": {"offset": [0.5, 0.0]}}
+    if moved:
+        second, info = second - (0.5, 0.0), info | {"extensions": shift}
+    fields = {"emissiveFactor": [1.0, 1.0, 1.0], "emissiveTexture": info, "occlusionTexture": info}
+    base = {"baseColorTexture": texture(made, np.full((2, 2, 3), 255))}
+    scene = square(tmp_path, made, base=(0, 0, 0), model=base, second=second, **fields)
+    assert not scene.notes
+    frame = lit(scene, ambient=True)
+    assert (frame.image[frame.mask] >= 1.0 - 1e-5).all()  # all of it is the white texel
+    scene.update(transform=np.eye(4))
+    np.testing.assert_array_equal(lit(scene, ambient=True).image, frame.image)
+
+
+def test_maps_without_their_texture_coordinates_are_not_shown(tmp_path):
+    made = Gltf()
+    info = texture(made, np.full((2, 2, 3), 255)) | {"texCoord": 1}
+    base = {"baseColorTexture": texture(made, np.full((2, 2, 3), 255))}
+    fields = {"occlusionTexture": info, "emissiveFactor": [0.5, 0.5, 0.5]}
+    scene = square(tmp_path, made, model=base, **fields)
+    assert scene.appearance.second_uv is None and lit(scene, ambient=True).mask.any()
+
+
 def test_unusable_maps_are_left_out_with_a_note(tmp_path):
     made = Gltf()
     broken = made.add("images", bufferView=made.view(b"not an image"), mimeType="image/png")

@@ -83,3 +83,43 @@ def test_the_background_is_the_radiance_of_its_skies(columns):
     add_skies([sky, sky], rays, mask, image, 2)
     np.testing.assert_allclose(image[mask], 2 * sky_behind([sky], rays, *np.nonzero(mask)), rtol=1e-3)
     assert mask.any() and not image[~mask].any()
+
+
+def model(albedo: float) -> at.Scene:
+    """A tetrahedron, which is shown on a ground."""
+    corners = [[-1.0, 0, 1], [1, 0, 1], [0, 0, -1], [0, 1.5, 0]]
+    return at.Scene.from_arrays(corners, [[0, 1, 3], [1, 2, 3], [2, 0, 3], [0, 2, 1]], colours=(albedo,) * 3)
+
+
+def on_ground(tmp_path, albedo: float, lights=None, exposure=None) -> tuple[at.Frame, np.ndarray]:
+    scene = model(albedo)
+    camera = scene.default_camera(48, 48)
+    frame = at.render(scene, camera, lights or scene.default_lights(), ground=True, spp=4)
+    frame.save(tmp_path / "a.png", exposure=exposure)
+    return frame, np.array(Image.open(tmp_path / "a.png")).astype(int)
+
+
+def test_ground_and_shadow_remain_visible_below_a_dark_model(tmp_path):
+    tones = {}
+    for albedo in 0.9, 0.3, 0.02:
+        frame, shown = on_ground(tmp_path, albedo)
+        lit = frame.ground.mask & (frame.ground.lost < 0.02) & (frame.coverage == 0.0)
+        dark = frame.ground.mask & (frame.ground.lost > 0.5) & (frame.coverage == 0.0)
+        assert shown[lit].max() < 245 and shown[dark].mean() + 40 < shown[lit].mean()
+        tones[albedo] = shown[frame.mask].mean() / shown[lit].mean()
+    assert tones[0.9] > 1.2 * tones[0.3] > 1.2 * tones[0.02]
+
+
+def test_a_dimmer_daylight_does_not_depend_on_exposure(tmp_path):
+    frame, shown = on_ground(tmp_path, 0.3, exposure=1.2)
+    _, brighter = on_ground(tmp_path, 0.3, exposure=1.5)
+    free, full = frame.coverage == 0.0, frame.coverage == 1.0
+    assert free.any() and (frame.image[free] > 0.0).all()  # the radiance itself is unchanged
+    np.testing.assert_array_equal(shown[free], brighter[free])
+    assert (brighter[full] >= shown[full]).all() and (brighter[full] > shown[full]).any()
+
+
+def test_other_skies_have_the_exposure_of_surfaces(tmp_path):
+    lights = [model(0.3).default_lights()[0], at.Sky((0.8, 0.8, 0.8))]
+    frame, shown = on_ground(tmp_path, 0.3, lights, exposure=20.0)
+    assert (shown[(frame.coverage == 0.0) & ~frame.ground.mask] == 255).all()

@@ -30,7 +30,16 @@ def ball(n=32):
 
 
 def square(
-    folder, made=None, base=(1, 1, 1), metallic=0.0, roughness=1.0, node=None, tangent=None, model=None, **fields
+    folder,
+    made=None,
+    base=(1, 1, 1),
+    metallic=0.0,
+    roughness=1.0,
+    node=None,
+    tangent=None,
+    model=None,
+    second=None,
+    **fields,
 ):
     """A square in the plane z = 0 with one material."""
     made = made or Gltf()
@@ -42,6 +51,8 @@ def square(
     }
     if tangent is not None:
         attributes["TANGENT"] = made.accessor(np.tile(np.float32(tangent), (4, 1)))
+    if second is not None:
+        attributes["TEXCOORD_1"] = made.accessor(np.float32(second))
     mesh = made.mesh(made.primitive(SQUARE, SQUARE_FACES, attributes=attributes, material=material))
     made.node(mesh=mesh, **(node or {}))
     return at.load(made.write(folder))

@@ -1,6 +1,7 @@
 """Which requests reach the page: a real server, and real clients of it."""
 
 import asyncio
+import gzip
 import http.client
 import logging
 import re
@@ -133,7 +134,14 @@ def test_own_requests_are_served(local, headers):
     status, length = shaken(local, **given)
     assert status == 101 and length > 100  # the scene
     status, body = fetched(local, **given)
-    assert status == 200 and b"<html" in body.lower()
+    assert status == 200 and b"<title>Antumbra</title>" in body
+
+
+def test_the_compressed_page_has_our_title_too(local):
+    connection = http.client.HTTPConnection("127.0.0.1", local.port, timeout=20)
+    connection.request("GET", "/", headers={"Accept-Encoding": "gzip"})
+    answer = connection.getresponse()
+    assert answer.status == 200 and gzip.decompress(answer.read()) == fetched(local)[1]
 
 
 def test_requests_without_a_host_are_refused(local):

@@ -8,7 +8,7 @@ const load = (name) => import(pathToFileURL(`${modules}/${name}.mjs`));
 const { lookOf } = await load("appearance");
 const { Orbit } = await load("orbit");
 const { mipLevels } = await load("textures");
-const { backdrop, exposureOf, toScreen } = await load("tone");
+const { backdrop, dimmed, exposureOf, toScreen } = await load("tone");
 const { Tracer } = await load("tracer");
 const { unpack } = await load("unpack");
 
@@ -69,10 +69,11 @@ for (let pass = 0; pass < passes; pass++) {
   if (pass === 0) exposure = exposureOf(light);
   for (let i = 0; i < sum.length; i++) sum[i] += light[i];
 }
-const behind = about.look.sky ? null : backdrop(rays, width, height, about.up === "z" ? 2 : 1);
+const shown = about.look.sky ? dimmed(exposure, about.look.sky.daylight) : { dim: 1, sky: 0 };
+const behind = shown && backdrop(rays, width, height, about.up === "z" ? 2 : 1);
 writeFileSync(
   `${folder}/picture.bin`,
   sum.map((each) => each / passes),
 );
-writeFileSync(`${folder}/screen.bin`, toScreen(sum, passes, exposure, behind, 1));
+writeFileSync(`${folder}/screen.bin`, toScreen(sum, passes, exposure, behind, shown?.dim ?? 1, shown?.sky));
 writeFileSync(`${folder}/answers.json`, JSON.stringify({ ambient, exposure, seconds }));

@@ -26,6 +26,7 @@ from ..kernels.small_matrices import dot
 from ..scene.materials import LINEAR, linear_to_srgb, srgb_to_linear
 from .picture_records import picture_record, plain
 from .png_files import png_file
+from .sky_background import daylight_behind, seen_daylight
 
 # --- Tone mapping: exposure, highlight roll-off, sRGB -----------------------------------------------------------------
 
@@ -42,6 +43,7 @@ MIDDLE = 0.4
 MOST_BRIGHTER = 3.0
 WIDE = 85.0
 WIDE_AT_MOST = 0.75
+DARK = 2.0  # daylight on the ground, as a multiple of white, beyond which half of its stops are taken off the exposure
 SHOULDER = 0.6  # light below this stays linear; light above it rolls off towards white
 
 _TOP = 4.0  # end of the table; the roll-off reaches 8-bit white long before it
@@ -153,8 +155,10 @@ def checked_exposure(exposure: float) -> float:
 
 
 def frame_exposure(frame: Any) -> float:
-    """The automatic exposure of ``save_frame(frame, "x.png")``."""
-    return automatic_exposure(frame.image, frame.mask)
+    """The automatic exposure of ``save_frame(frame, "x.png")``, which shows a dark model on a ground dark."""
+    exposure = automatic_exposure(frame.image, frame.mask)
+    daylight = 0.0 if frame.ground is None else sum(sky.intensity for sky in seen_daylight(frame))
+    return exposure / math.sqrt(max(1.0, exposure * daylight / DARK))
 
 
 def save_frame(
@@ -221,18 +225,26 @@ def screen_picture(frame: Any, exposure: float, background: str | ArrayLike | No
 
     Without `background`, the frame's backdrop is shown, if it has one. With a background or backdrop, a pixel that
     surfaces cover in part mixes the colour of the surfaces with the background, in linear light. Shadows on the ground
-    dim the background; where it is transparent they are black, see `_transparent`.
+    dim the background; where it is transparent they are black, see `_transparent`. A daylight that the exposure would
+    turn white is dimmer, see `daylight_behind`.
     """
+    sky = colour = None
     if background is None and frame.backdrop is None:
-        return to_srgb8(frame.image, exposure)
+        daylight = daylight_behind(frame, exposure)
+        if daylight is None:
+            return to_srgb8(frame.image, exposure)
+        sky, colour = daylight[0], daylight[0] * np.float32(daylight[1])
+    elif not isinstance(background, str):
+        colour = _background(frame, background)
     share, lost = frame.coverage[..., None], None if frame.ground is None else frame.ground.lost
-    colour = None if isinstance(background, str) else _background(frame, background)
 
     def screen_rows(rows: slice) -> NDArray[np.uint8]:
         surfaces = _rows_to_srgb8(frame.image[rows], exposure)
         pixels = np.flatnonzero(share[rows] < 1.0)
-        some = _rows_at(share[rows], pixels)
-        uncovered = _rows_to_srgb8(_rows_at(frame.image[rows], pixels) / np.maximum(some, 1e-6), exposure)
+        some, light = _rows_at(share[rows], pixels), _rows_at(frame.image[rows], pixels)
+        if sky is not None:
+            light = np.maximum(light - (1.0 - some) * _rows_at(sky[rows], pixels), 0.0)
+        uncovered = _rows_to_srgb8(light / np.maximum(some, 1e-6), exposure)
         if colour is not None:
             mixed = some * LINEAR[uncovered] + (1.0 - some) * _rows_at(colour[rows], pixels)
             uncovered = np.round(255.0 * linear_to_srgb(mixed)).astype(np.uint8)

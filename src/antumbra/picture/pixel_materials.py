@@ -60,6 +60,8 @@ class _Maps:
     ) -> NDArray[np.float32] | None:
         """(H, W, 3) float32: the values of a map, `neutral` where there is none; None if no pixel shows one."""
         appearance, maps = self._appearance, [of(each) for each in self._parameters]
+        if appearance.second_uv is None:
+            maps = [None if each is None or each.second else each for each in maps]
         textures = seen_only(self._places, appearance, [None if each is None else each.texture for each in maps])
         if appearance.uv is None or all(texture is None for texture in textures):
             return None
@@ -84,10 +86,12 @@ def _coordinates(appearance: Appearance, maps: list[TextureMap | None]) -> NDArr
     assert appearance.uv is not None
     uv = appearance.uv
     for k, each in enumerate(maps):
-        if each is not None and each.transform is not None:
+        if each is not None and (each.second or each.transform is not None):
             rows = appearance.material_of_face == k
             uv = uv.copy() if uv is appearance.uv else uv
-            uv[rows] = each.transformed(uv[rows])
+            own = appearance.second_uv if each.second else uv
+            assert own is not None
+            uv[rows] = each.transformed(own[rows])
     return uv
 
 

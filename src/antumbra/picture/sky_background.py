@@ -1,5 +1,7 @@
 """The background of pixels without a surface: skies, or a backdrop."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +19,10 @@ from ..scene.sky import Sky
 
 BACKDROP = 0.75
 """Share of white in a backdrop where the daylight has a radiance of 1."""
+
+BRIGHTEST = 0.9
+"""The same of a daylight among the lights, at most. A dark model takes a long exposure, which would turn the ground
+below it, and the shadows on it, white."""
 
 
 @inlined
@@ -86,6 +92,27 @@ def backdrop(
     out = np.zeros((*coverage.shape, 3), np.float32)
     add_skies([Sky(up=up, intensity=BACKDROP)], rays, coverage < 1.0, out, threads)
     return out
+
+
+def seen_daylight(frame: Any) -> list[Sky]:
+    """The skies behind the surfaces of a frame's image; none if one is an environment map or a uniform sky."""
+    skies = skies_of(frame.lights) if frame.options is not None and frame.options.background else []
+    return skies if all(sky.is_daylight for sky in skies) else []
+
+
+def daylight_behind(frame: Any, exposure: float) -> tuple[NDArray[np.float32], float] | None:
+    """The daylight behind the surfaces of a frame's image, if an exposure turns it white; else None.
+
+    Returns its radiance with the shadows on the ground, (H, W, 3) float32, 0 where surfaces cover the whole pixel; and
+    the factor that makes it linear shares of white.
+    """
+    skies = seen_daylight(frame)
+    intensity = sum(sky.intensity for sky in skies)
+    if exposure * intensity <= BRIGHTEST:
+        return None
+    out = np.zeros_like(frame.image)
+    add_skies(skies, frame.camera.view(np.zeros(3)), frame.coverage < 1.0, out)
+    return out if frame.ground is None else out * frame.ground.share, BRIGHTEST / intensity
 
 
 def skies_of(lights: list[Light]) -> list[Sky]:

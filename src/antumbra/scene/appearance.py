@@ -48,6 +48,7 @@ class Appearance:
     mapped: NDArray[np.bool_] | None = None  # (n,) bool: whether it has texture coordinates; None: as `textured`
     tangents: NDArray[np.float32] | None = None  # (n, 3, 3) float32: of corners, as `normals`, for normal maps
     hands: NDArray[np.float32] | None = None  # (n,) float32: +-1, the handedness of `tangents`; 0 where there is none
+    second_uv: NDArray[np.float32] | None = None  # (n, 3, 2) float32: coordinates of maps with a set of their own
 
     def __getstate__(self) -> dict[str, Any]:
         return without_cached(self)
@@ -137,8 +138,9 @@ def _without_normals(parts: "list[_MeshFaces]", n: int) -> Appearance:
         mapped[part.rows].reshape(of_copies)[:] = look.uv is not None if look.textured is None else look.textured
     uv = _corners(parts, "uv", np.zeros((n, 3, 2), np.float32))
     colours = _corners(parts, "colours", np.ones((n, 3, 4), np.float32))
+    second_uv = _corners(parts, "second_uv", np.zeros((n, 3, 2), np.float32))
     textured = textured_faces(materials, material_of_face, mapped)
-    return Appearance(materials, material_of_face, uv, colours, None, None, textured, mapped)
+    return Appearance(materials, material_of_face, uv, colours, None, None, textured, mapped, second_uv=second_uv)
 
 
 def textured_faces(

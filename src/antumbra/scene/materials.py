@@ -322,6 +322,7 @@ class TextureMap(NamedTuple):
 
     texture: Texture
     transform: Affine | None = None  # from the material's texture coordinates to those of the map; None: equal
+    second: bool = False  # whether these are the second set of texture coordinates of the mesh, not the material's
 
     def transformed(self, uv: NDArray[np.float32]) -> NDArray[np.float32]:
         """Texture coordinates ((..., 2) float32) of the map."""
@@ -437,6 +438,7 @@ class MeshAppearance(NamedTuple):
     material_of_face: NDArray[np.int32] | None = None  # (f,) int32: index in `materials`, or -1; None: the only one
     textured: NDArray[np.bool_] | None = None  # (f,) bool: faces with coordinates; None: all if there is `uv`
     tangents: NDArray[np.float32] | None = None  # (v, 4) float32: tangent of the normal map, and its handedness
+    second_uv: NDArray[np.float32] | None = None  # (v, 2) float32: coordinates of maps that have a set of their own
 
     @property
     def is_plain(self) -> bool:

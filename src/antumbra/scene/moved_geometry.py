@@ -82,7 +82,7 @@ def look_of_corners(piece: Piece) -> MeshAppearance | None:
     look, faces = piece.look, piece.faces
     if look is None or faces is None:
         return look
-    names = "uv", "colours", "normals", "rest_positions", "tangents"
+    names = "uv", "colours", "normals", "rest_positions", "tangents", "second_uv"
     changes: dict[str, Any] = {
         name: values[faces.reshape(-1)] for name in names if (values := getattr(look, name)) is not None
     }

@@ -240,6 +240,11 @@ class Sky(LightList):
         result: NDArray[np.float32] = (a + fx * (b - a)) * (1 - fy) + (c + fx * (d - c)) * fy
         return result
 
+    @property
+    def is_daylight(self) -> bool:
+        """Whether the map is the built-in soft daylight."""
+        return np.array_equal(self.map, _daylight())
+
     @cached_property
     def _level(self) -> bool:
         """Whether all columns of the map are equal, so that radiance depends on the elevation alone."""

@@ -107,7 +107,8 @@ def add_sky(columns: Columns, lights: list[Light]) -> dict[str, Any] | None:
         return None
     map_of_sky = skies[0].radiance_map
     columns.add("sky", map_of_sky)
-    return {"shape": list(map_of_sky.shape), "axes": skies[0].axes.tolist()}
+    daylight = skies[0].intensity if skies[0].is_daylight else 0.0
+    return {"shape": list(map_of_sky.shape), "axes": skies[0].axes.tolist(), "daylight": daylight}
 
 
 # --- Materials, textures and normals ----------------------------------------------------------------------------------

@@ -89,6 +89,7 @@ class MappedMaterial(NamedTuple):
     material: Material
     uv_set: str = "TEXCOORD_0"  # attribute with the texture coordinates
     transform: NDArray[np.float64] | None = None  # (2, 3) float64: their KHR_texture_transform; None: none
+    second_set: str | None = None  # attribute with the coordinates of maps that have a set of their own
 
     def transformed(self, uv: np.ndarray) -> np.ndarray:
         """Texture coordinates ((v, 2)) under the transform."""
@@ -165,20 +166,32 @@ class Materials:
         if fields.extension(UNLIT) is None and (
             "pbrMetallicRoughness" in fields or fields.extension(_SPECULAR) is None
         ):
-            pbr, coordinates = self._pbr(fields, coordinates)
+            pbr, coordinates, second = self._pbr(fields, coordinates)
             material = material._replace(pbr=None if pbr.is_plain else pbr)
+            if coordinates is not None:
+                return MappedMaterial(material, *coordinates, second)
         return MappedMaterial(material, *(coordinates or ()))
 
-    def _pbr(self, fields: Fields, shared: "_Coordinates | None") -> "tuple[PbrParameters, _Coordinates | None]":
-        """The parameters besides the base colour, and the coordinates that all textures share: `shared`, if given."""
+    def _pbr(
+        self, fields: Fields, shared: "_Coordinates | None"
+    ) -> "tuple[PbrParameters, _Coordinates | None, str | None]":
+        """The parameters besides the base colour, the coordinates that textures share, and a second set of some.
+
+        The shared coordinates are `shared`, if given. Normal maps have them, since tangents follow from them.
+        """
+        second: str | None = None
         model = fields.object("pbrMetallicRoughness") or Fields({}, fields.where)
 
-        def mapped(info: Fields | None, holds_data: bool = True) -> TextureMap | None:
-            nonlocal shared
+        def mapped(info: Fields | None, holds_data: bool = True, bends: bool = False) -> TextureMap | None:
+            nonlocal shared, second
             if info is None:
                 return None
             own = _coordinates(info)
             shared = own if shared is None else shared
+            if own.uv_set != shared.uv_set and second in (None, own.uv_set) and not bends:
+                second = own.uv_set
+                found = self._map(info, own, _Coordinates(second, None), holds_data)
+                return None if found is None else found._replace(second=True)
             return self._map(info, own, shared, holds_data)
 
         factors = (model.number(f"{key}Factor", 1.0) for key in ("metallic", "roughness"))
@@ -193,12 +206,12 @@ class Materials:
             metal_map=mapped(model.object("metallicRoughnessTexture")),
             occlusion_map=mapped(shade),
             occlusion_strength=1.0 if shade is None else float(np.clip(shade.number("strength", 1.0), 0.0, 1.0)),
-            normal_map=mapped(bump),
+            normal_map=mapped(bump, bends=True),
             normal_scale=1.0 if bump is None else bump.number("scale", 1.0),
             emission=(r, g, b),
             emission_map=mapped(fields.object("emissiveTexture"), False) if any((r, g, b)) else None,
         )
-        return pbr, shared
+        return pbr, shared, second
 
     def _map(self, info: Fields, own: "_Coordinates", shared: "_Coordinates", holds_data: bool) -> TextureMap | None:
         """A texture besides the base colour; None, with a note, if it cannot be used."""

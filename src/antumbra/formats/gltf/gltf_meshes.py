@@ -197,6 +197,9 @@ def _appearance(
     colours = of("COLOR_0", "VEC3", "VEC4")
     tangents = of("TANGENT", "VEC4") if pbr_of(mapped.material).normal_map is not None else None
     look = look_of(mapped.material, uv, colours, of("NORMAL", "VEC3"), vertices, tangents)
+    second = None if look is None or uv is None or mapped.second_set is None else of(mapped.second_set, "VEC2")
+    if look is not None and second is not None:
+        look = look._replace(second_uv=np.nan_to_num(np.asarray(second, np.float32)))
     return mean_colours(mapped.material, faces, uv, colours), look
 
 
@@ -347,6 +350,7 @@ def _look(meshes: list[Mesh], counts: list[int], positions: np.ndarray) -> MeshA
         np.repeat(of_mesh, counts),
         np.repeat(textured, counts),
         _rows(meshes, "tangents", 4, 0.0),
+        _rows(meshes, "second_uv", 2, 0.0),
     )
 
 

@@ -37,7 +37,7 @@ import { LINEAR } from "./textures.mjs";
  * @property {number} sharpest
  * @property {Texture[]} textures
  * @property {import("./lamps.mjs").Lamp[]} lamps
- * @property {{map: Float32Array, shape: number[], axes: number[][]} | null} sky
+ * @property {{map: Float32Array, shape: number[], axes: number[][], daylight: number} | null} sky
  */
 
 /**

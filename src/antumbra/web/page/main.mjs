@@ -79,7 +79,6 @@ class Page {
     Object.assign(this.answers, { objectOf: arrays.objectOf, states: arrays.states ?? null });
     if (about.layer) this.answers.values = new SurfaceValues(about.layer, arrays);
     await this.#start(arrays);
-    part("opening").hidden = true;
     this.#draw(arrays.states ?? null);
     await this.#prove(arrays);
   }
@@ -102,7 +101,7 @@ class Page {
   #draw(states) {
     const { about, words, pool, camera, sun, failed } = this;
     const canvas = part("picture");
-    const options = { hasSky: about.look.sky !== null, meter: { exposure: 0 } };
+    const options = { sky: about.look.sky, meter: { exposure: 0 } };
     const light = () => ({ ...sun.light, painted: Boolean(about.layer) && part("painted").checked });
     const make = (/** @type {HTMLCanvasElement} */ on, /** @type {number} */ state) =>
       new Picture(on, pool, camera, light, () => this.#count(), { ...options, state });
@@ -128,7 +127,6 @@ class Page {
     new ResizeObserver(() => this.changed()).observe(canvas);
     this.changed();
     for (const picture of this.pictures) picture.run().catch(failed);
-    if (new URLSearchParams(location.search).has("play")) sun.playOnce();
   }
 
   #count() {
@@ -137,6 +135,10 @@ class Page {
     const done = pictures.every((picture) => picture.samples === picture.most);
     part("samples").textContent = done ? "" : ` · ${fill(words.samples, { n: samples, all: SAMPLES })}`;
     document.body.dataset.samples = String(samples);
+    if (this.opened) return;
+    this.opened = true; // something is seen
+    part("opening").hidden = !document.body.dataset.failed;
+    if (new URLSearchParams(location.search).has("play")) this.sun.playOnce();
   }
 
   /** @param {any} error */

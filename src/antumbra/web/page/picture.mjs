@@ -2,7 +2,7 @@
 /** The picture: coarse as soon as anything changes, then finer, pass by pass, as the workers return rows. */
 
 import { AMBIENT, SAMPLES_A_PASS } from "./lamps.mjs";
-import { backdrop, exposureOf, toScreen } from "./tone.mjs";
+import { backdrop, dimmed, exposureOf, toScreen } from "./tone.mjs";
 
 /** @typedef {import("./orbit.mjs").Orbit} Orbit */
 /** @typedef {import("./pool.mjs").Pool} Pool */
@@ -18,6 +18,7 @@ const TILE = 4; // rows of a job are a multiple of it, since kernels take pixels
 
 export class Picture {
   #change = 0;
+  #coarse = false; // whether the coarse picture is being drawn, which changes do not stop: else a drag would show nothing
   /** @type {(() => void) | null} */ #wake = null;
   /** @type {number[] | null} */ #ambient = null;
   #behindKey = "";
@@ -29,16 +30,17 @@ export class Picture {
    * @param {Orbit} camera
    * @param {() => Light} light
    * @param {(samples: number) => void} shown
-   * @param {{hasSky: boolean, state: number, meter: {exposure: number}}} options whether the sky is one of the lights; the
-   *   state of the scene, the last one being -1; and the exposure of all pictures, which that of the last state sets
+   * @param {{sky: {daylight: number} | null, state: number, meter: {exposure: number}}} options the sky, if it is one of
+   *   the lights, and its radiance if it is a soft daylight; the state of the scene, the last one being -1; and the
+   *   exposure of all pictures, which that of the last state sets
    */
-  constructor(canvas, pool, camera, light, shown, { hasSky, state, meter }) {
+  constructor(canvas, pool, camera, light, shown, { sky, state, meter }) {
     this.canvas = canvas;
     this.pool = pool;
     this.camera = camera;
     this.light = light;
     this.shown = shown;
-    this.hasSky = hasSky;
+    this.sky = sky;
     this.state = state;
     this.meter = meter;
     this.samples = 0;
@@ -70,7 +72,7 @@ export class Picture {
   /** The camera, the light or the size has changed. */
   changed() {
     this.#change++;
-    this.pool.drop("band", this.state);
+    if (!this.#coarse) this.pool.drop("band", this.state);
     this.#wake?.();
   }
 
@@ -80,8 +82,10 @@ export class Picture {
     const coarse = Math.max(1, Math.sqrt((width * height) / (COARSE * this.pool.size)));
     const [w, h] = [Math.ceil(width / coarse), Math.ceil(height / coarse)];
     this.samples = 0;
-    if (!this.#ambient && !(await this.#pass(w, h, 0, change))) return; // finds the ambient light
-    const first = await this.#pass(w, h, 0, change);
+    this.#coarse = true;
+    if (!this.#ambient) await this.#pass(w, h, 0, null); // finds the ambient light
+    const first = await this.#pass(w, h, 0, null);
+    this.#coarse = false;
     if (!first) return;
     this.#measure(first);
     this.#show(first, w, h, 1);
@@ -119,7 +123,7 @@ export class Picture {
    * @param {number} width
    * @param {number} height
    * @param {number} pass
-   * @param {number} change
+   * @param {number | null} change null: changes do not matter
    */
   async #pass(width, height, pass, change) {
     const out = new Float32Array(4 * width * height);
@@ -142,7 +146,7 @@ export class Picture {
       return part;
     });
     const parts = await Promise.all(bands);
-    if (change !== this.#change || parts.includes(null)) return null;
+    if ((change !== null && change !== this.#change) || parts.includes(null)) return null;
     const surfaces = parts.reduce((sum, part) => sum + part.surfaces, 0);
     const arrived = [0, 1, 2].map((k) => parts.reduce((sum, part) => sum + part.arrived[k], 0));
     if (pass === 0) this.#ambient = arrived.map((each) => (AMBIENT * each) / Math.max(1, surfaces));
@@ -150,12 +154,11 @@ export class Picture {
   }
 
   /**
-   * The backdrop behind each pixel, kept until the view changes; null where the light has the sky.
+   * The backdrop behind each pixel, kept until the view changes.
    * @param {number} width
    * @param {number} height
    */
   #backdrop(width, height) {
-    if (this.hasSky && !this.light().painted) return null;
     const rays = this.camera.rays(width, height);
     const key = JSON.stringify([rays.corner, rays.dx, rays.dy, width, height]);
     if (key !== this.#behindKey) this.#behind = backdrop(rays, width, height, this.camera.up === "z" ? 2 : 1);
@@ -173,7 +176,9 @@ export class Picture {
     const { daylight, painted } = this.light();
     const dim = 0.1 + 0.9 * daylight; // eyes adapt to dusk only in part
     const exposure = painted ? null : this.meter.exposure * dim;
-    const bytes = toScreen(sum, passes, exposure, this.#backdrop(width, height), dim);
+    const shown = this.sky && !painted ? dimmed(this.meter.exposure, this.sky.daylight * daylight) : { dim: 1, sky: 0 };
+    const behind = shown && this.#backdrop(width, height);
+    const bytes = toScreen(sum, passes, exposure, behind, dim * (shown?.dim ?? 1), shown?.sky);
     const small = new OffscreenCanvas(width, height);
     /** @type {any} */ (small.getContext("2d")).putImageData(new ImageData(bytes, width, height), 0, 0);
     const [w, h] = this.#size();

@@ -4,12 +4,14 @@
 const [PERCENTILE, BRIGHT, MIDDLE, MOST_BRIGHTER, WIDE, WIDE_AT_MOST] = [97, 0.75, 0.4, 3, 85, 0.75];
 const [SHOULDER, TOP, ENTRIES] = [0.6, 4, 1 << 16];
 const EXPOSURE_PIXELS = 1 << 18; // that the exposure samples, about
-const BACKDROP = 0.75;
+const [BACKDROP, BRIGHTEST] = [0.75, 0.9];
 const [ZENITH, HORIZON, GROUND] = [
   [0.46, 0.63, 0.92],
   [0.92, 0.94, 0.97],
   [0.6, 0.59, 0.57],
 ]; // of antumbra.scene.sky
+const ROWS = 64;
+const DAYLIGHT = Array.from({ length: ROWS }, (_, row) => skyLight(Math.cos((Math.PI * (row + 0.5)) / ROWS)));
 
 /** Bytes of linear light up to TOP: of pictures, with rolled-off highlights; and of colours as they are. */
 const [CURVE, PLAIN] = [rollOff, (/** @type {number} */ x) => Math.min(1, x)].map((tone) =>
@@ -57,15 +59,17 @@ export function exposureOf(light) {
  * @param {number | null} exposure null: surfaces have the colours of the screen
  * @param {Float32Array | null} behind linear shares of white behind the scene; null: the light has the sky
  * @param {number} dim factor of these shares
+ * @param {number} sky what the light has of them, which they replace, as a multiple
  */
-export function toScreen(sum, passes, exposure, behind, dim) {
+export function toScreen(sum, passes, exposure, behind, dim, sky = 0) {
   const out = new Uint8ClampedArray(sum.length);
   const [curve, scale] = [exposure === null ? PLAIN : CURVE, ((exposure ?? 1) * ENTRIES) / TOP];
   for (let i = 0; i < sum.length; i += 4) {
     const share = behind ? sum[i + 3] / passes : 1;
     const factor = share > 0 ? scale / (passes * share) : 0;
     for (let c = 0; c < 3; c++) {
-      const byte = curve[Math.min(ENTRIES - 1, Math.max(0, sum[i + c] * factor)) | 0];
+      const light = sky ? sum[i + c] - (passes - sum[i + 3]) * sky * (behind?.[(i / 4) * 3 + c] ?? 0) : sum[i + c];
+      const byte = curve[Math.min(ENTRIES - 1, Math.max(0, light * factor)) | 0];
       out[i + c] = share === 1 || !behind ? byte : mixed(byte, share, behind[(i / 4) * 3 + c] * dim);
     }
     out[i + 3] = 255;
@@ -86,7 +90,17 @@ function mixed(byte, share, behind) {
 }
 
 /**
- * Soft daylight behind a scene without a sky, three numbers a pixel.
+ * How a soft daylight that the light has is shown where an exposure turns it white: `dim` and `sky` of `toScreen`; else
+ * null.
+ * @param {number} exposure
+ * @param {number} radiance of the daylight; 0: the light has another sky, or none
+ */
+export function dimmed(exposure, radiance) {
+  return exposure * radiance > BRIGHTEST ? { dim: BRIGHTEST / BACKDROP, sky: radiance / BACKDROP } : null;
+}
+
+/**
+ * Soft daylight behind a scene, three numbers a pixel.
  * @param {import("./frame.mjs").Rays} rays
  * @param {number} width
  * @param {number} height
@@ -97,10 +111,21 @@ export function backdrop({ corner, dx, dy }, width, height, up) {
   for (let i = 0; i < width * height; i++) {
     const [x, y] = [(i % width) + 0.5, Math.floor(i / width) + 0.5];
     const way = [0, 1, 2].map((k) => corner[k] + x * dx[k] + y * dy[k]);
-    const light = skyLight(way[up] / Math.hypot(way[0], way[1], way[2]));
+    const light = mapped(way[up] / Math.hypot(way[0], way[1], way[2]));
     for (let k = 0; k < 3; k++) out[3 * i + k] = BACKDROP * light[k];
   }
   return out;
+}
+
+/**
+ * The radiance of soft daylight, interpolated between the rows of a map as `Sky` does it.
+ * @param {number} height sine of the elevation
+ */
+function mapped(height) {
+  const down = Math.acos(Math.max(-1, Math.min(1, height))) * (ROWS / Math.PI) - 0.5;
+  const row = Math.floor(down);
+  const [above, below] = [DAYLIGHT[Math.max(0, row)], DAYLIGHT[Math.min(ROWS - 1, row + 1)]];
+  return above.map((light, k) => light + (down - row) * (below[k] - light));
 }
 
 /**
