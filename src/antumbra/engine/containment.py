@@ -44,7 +44,8 @@ def inside_of(bodies: Bodies, rays: RayArguments, threads: int) -> NDArray[np.bo
 
 def _direction(rays: RayArguments) -> NDArray[np.float32]:
     """(3,): that of all rays."""
-    return np.asarray(rays.directions, np.float32).reshape(-1, 3)[0]
+    direction: NDArray[np.float32] = np.asarray(rays.directions, np.float32).reshape(-1, 3)[0]
+    return direction
 
 
 def _other_directions(axis: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -64,7 +65,7 @@ def _by_caps(
     if len(undecided := np.flatnonzero(verdicts == ON_CAP)):
         points, first = rays.arrays().local()[0][undecided], crossings[undecided] & 1 != 0
         inside[undecided] = _by_votes(bodies, points, axis, first, threads)
-    return inside
+    return np.asarray(inside)
 
 
 def _by_votes(

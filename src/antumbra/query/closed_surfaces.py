@@ -174,7 +174,7 @@ def _odd_hashes(edges: NDArray[np.uint64]) -> NDArray[np.uint64]:
     """The hashes, ascending and without 0, that occur an odd number of times."""
     ordered = np.sort(edges[edges != 0])
     ends = np.flatnonzero(np.append(ordered[1:] != ordered[:-1], True))[: len(ordered)]
-    return ordered[ends[np.diff(ends, prepend=-1) % 2 == 1]]
+    return np.asarray(ordered[ends[np.diff(ends, prepend=-1) % 2 == 1]])
 
 
 def _open_edges_without_repetitions(corners: NDArray[np.floating]) -> int | None:

@@ -95,8 +95,9 @@ class RayLists:
 
     def trace_rays(self, rays: RayArguments, any_hit: bool, threads: int) -> TracedRays:
         """The hits of rays. InputError if a ray is invalid."""
-        ready = self._ready_at(rays.time, rays.n)
-        out, start = hit_arrays(rays.n, any_hit), perf_counter()
+        n = rays.n
+        ready = self._ready_at(rays.time, n)
+        out, start = hit_arrays(n, any_hit), perf_counter()
         valid = ready.tracer.trace(rays, any_hit, out, threads)
         self._count(start, threads)
         if not valid:
