@@ -6,6 +6,7 @@ diagonals cross surfaces an odd number of times. Opposite rays from a point besi
 sheets contain nothing. Of scenes in memory, all rays but the first are traced through caps (`trace.rays.inside_votes`).
 """
 
+from functools import cache
 from itertools import product
 
 import numpy as np
@@ -54,13 +55,20 @@ def _other_directions(axis: NDArray[np.float32]) -> tuple[NDArray[np.float32], N
     return _AXES[(axis != _AXES).any(axis=1)], diagonals
 
 
+@cache
+def _all_directions(x: float, y: float, z: float) -> NDArray[np.float32]:
+    """(14, 3): that of the first rays, and `_other_directions`."""
+    axis = np.array([x, y, z], np.float32)
+    return np.concatenate([axis[None], *_other_directions(axis)])
+
+
 def _by_caps(
     bodies: Bodies, caps: Caps, rays: RayArguments, crossings: NDArray[np.int64], threads: int
 ) -> NDArray[np.bool_]:
     """`inside_of` by the votes of rays through caps."""
     axis = _direction(rays)
-    directions = np.concatenate([axis[None], *_other_directions(axis)])
-    verdicts = of_valid(rays, caps.verdicts(rays, Election(crossings, directions, bodies.box), threads))
+    election = Election(crossings, _all_directions(*axis.tolist()), bodies.box)
+    verdicts = of_valid(rays, caps.verdicts(rays, election, threads))
     inside = verdicts == WITHIN
     if len(undecided := np.flatnonzero(verdicts == ON_CAP)):
         points, first = rays.arrays().local()[0][undecided], crossings[undecided] & 1 != 0
