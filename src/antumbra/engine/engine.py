@@ -272,7 +272,7 @@ class Engine(RayQueries):
         rays = rays_of(origins, directions, hits, self._frame, self._n_faces, targets, self._moment(time))
         return self.source.ray_lists.count_hits(rays, rule, self._count(threads)).reshape(rays.shape)
 
-    def count_points(self, rays: ArrayLike, threads: int | None = None) -> NDArray[np.int64]:
+    def _count_points(self, rays: ArrayLike, threads: int | None = None) -> NDArray[np.int64]:
         """(n,) int64: the number of hits of rays, (n, 6), or -1 where several may be at one point.
 
         Only for scenes in memory; errors as for `occluded`.

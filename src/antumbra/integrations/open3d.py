@@ -108,7 +108,7 @@ class RaycastingScene:
         """(...) int32: how many hits `list_intersections` has for each of the rays, (..., 6) float."""
         scene, threads, rays = self._committed(), _threads(nthreads), _rows(rays, "rays", 6)
         flat = rays.reshape(-1, 6)
-        counts = self._of_rays(lambda valid: scene.engine.count_points(valid, threads), flat)
+        counts = self._of_rays(lambda valid: scene.engine._count_points(valid, threads), flat)
         if len(unclear := np.flatnonzero(counts < 0)):
             hits, distinct = self._hits(flat[unclear], nthreads)
             ray = hits.ray if distinct is None else hits.ray[distinct]

@@ -227,7 +227,7 @@ def test_counts_of_points_are_those_of_distinct_t_or_unclear(kind):
     scene, world, directions = rays_of_kind(kind, False)
     hits = scene.all_hits(world, directions)
     distinct = np.array([len(np.unique(t)) for t in np.split(hits.t, hits.ray_offsets[1:-1])])
-    counts = scene.engine.count_points(np.concatenate([world, directions], axis=1))
+    counts = scene.engine._count_points(np.concatenate([world, directions], axis=1))
     clear = counts >= 0
     assert (hits.counts == distinct)[clear].all()
     np.testing.assert_array_equal(counts[clear], distinct[clear])
@@ -239,7 +239,7 @@ def test_rays_through_distinct_layers_are_clear_and_those_through_equal_or_many_
 
     def counts(heights):
         scene = at.Scene.from_arrays(np.stack([layer + np.float32([0, 0, z]) for z in heights]))
-        return set(scene.engine.count_points(rays).tolist())
+        return set(scene.engine._count_points(rays).tolist())
 
     assert counts(range(5)) == {5} and counts(range(16)) == {16}
     assert counts([0, 1, 1, 2]) == counts(range(17)) == {-1}
