@@ -3,9 +3,10 @@
 With closed surfaces, one ray decides, exactly. With open edges, rays disagree: those through a hole cross one surface
 less. Points outside the scene's bounds are then outside, and others are inside if most rays along the axes and space
 diagonals cross surfaces an odd number of times. Opposite rays from a point beside an open sheet never both cross it, so
-sheets contain nothing.
+sheets contain nothing. Of scenes in memory, all rays but the first are traced through caps (`trace.rays.inside_votes`).
 """
 
+from functools import cache
 from itertools import product
 
 import numpy as np
@@ -14,11 +15,12 @@ from numpy.typing import NDArray
 from ..base.wording import counted
 from ..query.ray_list import RayArguments
 from ..trace.rays.all_hits import ON_SURFACE
+from ..trace.rays.inside_votes import MOST, ON_CAP, WITHIN, Caps, Election
+from .sources.cutout_hits import of_valid
 from .sources.source_protocols import Bodies
 
 _AXES = np.concatenate([np.eye(3), -np.eye(3)]).astype(np.float32)
 _DIAGONALS = np.array(list(product((-1.0, 1.0), repeat=3)), np.float32)
-_MOST = (len(_AXES) + len(_DIAGONALS)) // 2 + 1  # odd numbers of 14 rays
 _FEW = 64  # points whose rays are traced by one call
 
 _NOTE = "contains: "
@@ -27,16 +29,51 @@ _NOTE = "contains: "
 def inside_of(bodies: Bodies, rays: RayArguments, threads: int) -> NDArray[np.bool_]:
     """(n,) bool: whether the origins of rays along an axis are inside bodies, or on a surface."""
     counts = bodies.crossings(rays, threads)
-    on_surface, inside = counts >= ON_SURFACE, counts % 2 == 1
-    if bodies.open_edges != 0:
-        points, (lower, upper) = rays.arrays().local()[0], bodies.box
-        within = ((points >= lower) & (points <= upper)).all(axis=1)
-        inside &= within
-        if bodies.open_edges is not None:
-            uncertain = np.flatnonzero(within & ~on_surface)
-            along = np.asarray(rays.directions, np.float32).reshape(-1, 3)[0]
-            inside[uncertain] = _by_votes(bodies, points[uncertain], along, inside[uncertain], threads)
+    if bodies.open_edges == 0:
+        return np.asarray((counts & 1 != 0) | (counts >= ON_SURFACE))
+    if bodies.caps is not None:
+        return _by_caps(bodies, bodies.caps, rays, counts, threads)
+    on_surface, inside = counts >= ON_SURFACE, counts & 1 != 0
+    points, (lower, upper) = rays.arrays().local()[0], bodies.box
+    within = ((points >= lower) & (points <= upper)).all(axis=1)
+    inside &= within
+    if bodies.open_edges is not None:
+        uncertain = np.flatnonzero(within & ~on_surface)
+        inside[uncertain] = _by_votes(bodies, points[uncertain], _direction(rays), inside[uncertain], threads)
     return np.asarray(on_surface | inside)
+
+
+def _direction(rays: RayArguments) -> NDArray[np.float32]:
+    """(3,): that of all rays."""
+    direction: NDArray[np.float32] = np.asarray(rays.directions, np.float32).reshape(-1, 3)[0]
+    return direction
+
+
+def _other_directions(axis: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """((5, 3), (8, 3)): those of the rays along the other axes, and along the diagonals."""
+    diagonals = _DIAGONALS[np.argsort(-(_DIAGONALS @ axis), kind="stable")]  # upwards first: ground is often open
+    return _AXES[(axis != _AXES).any(axis=1)], diagonals
+
+
+@cache
+def _all_directions(x: float, y: float, z: float) -> NDArray[np.float32]:
+    """(14, 3): that of the first rays, and `_other_directions`."""
+    axis = np.array([x, y, z], np.float32)
+    return np.concatenate([axis[None], *_other_directions(axis)])
+
+
+def _by_caps(
+    bodies: Bodies, caps: Caps, rays: RayArguments, crossings: NDArray[np.int64], threads: int
+) -> NDArray[np.bool_]:
+    """`inside_of` by the votes of rays through caps."""
+    axis = _direction(rays)
+    election = Election(crossings, _all_directions(*axis.tolist()), bodies.box)
+    verdicts = of_valid(rays, caps.verdicts(rays, election, threads))
+    inside = verdicts == WITHIN
+    if len(undecided := np.flatnonzero(verdicts == ON_CAP)):
+        points, first = rays.arrays().local()[0][undecided], crossings[undecided] & 1 != 0
+        inside[undecided] = _by_votes(bodies, points, axis, first, threads)
+    return np.asarray(inside)
 
 
 def _by_votes(
@@ -54,14 +91,13 @@ def _by_votes(
         rays = RayArguments(origins, along, 0.0, np.inf, -1.0, (len(origins),), 0, False, frame, bodies.time)
         return (bodies.crossings(rays, threads) & 1).astype(np.bool_)
 
-    axes = _AXES[(axis != _AXES).any(axis=1)]
-    diagonals = _DIAGONALS[np.argsort(-(_DIAGONALS @ axis), kind="stable")]  # upwards first: ground is often open
+    axes, diagonals = _other_directions(axis)
     if len(points) <= _FEW:  # calls take longer than rays
         every = np.concatenate([axes, diagonals])
         odd = is_odd(np.repeat(points, len(every), axis=0), np.tile(every, (len(points), 1))).reshape(-1, len(every))
         votes = first + odd[:, : len(axes)].sum(axis=1)
         agree = (votes == 0) | (votes == len(_AXES))
-        return np.asarray(np.where(agree, votes > 0, first + odd.sum(axis=1) >= _MOST))
+        return np.asarray(np.where(agree, votes > 0, first + odd.sum(axis=1) >= MOST))
     votes = first.astype(np.int8)
     for along in axes:
         votes += is_odd(points, along)
@@ -70,8 +106,8 @@ def _by_votes(
     votes, points = votes[divided], points[divided]
     for left, along in zip(reversed(range(len(diagonals))), diagonals):
         votes += is_odd(points, along)
-        inside[divided] = votes >= _MOST
-        open_ = np.flatnonzero((votes < _MOST) & (votes + left >= _MOST))
+        inside[divided] = votes >= MOST
+        open_ = np.flatnonzero((votes < MOST) & (votes + left >= MOST))
         divided, votes, points = divided[open_], votes[open_], points[open_]
     return np.asarray(inside)
 

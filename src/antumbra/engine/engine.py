@@ -40,7 +40,7 @@ from .primary_visibility import AUTO, METHODS, RAYS
 from .ray_queries import RayQueries
 from .scene_reading import data_of
 from .sources.few_points import FewPoints
-from .sources.in_memory_source import SharedMemory
+from .sources.in_memory_source import RayLists, SharedMemory
 from .sources.instanced_source import SharedInstances
 from .sources.point_shadows import PlanKernels, TreeShadows, queries_in
 from .sources.source_protocols import (
@@ -271,6 +271,14 @@ class Engine(RayQueries):
         rule = MERGES[choice(merge, "merge", MERGES)]
         rays = rays_of(origins, directions, hits, self._frame, self._n_faces, targets, self._moment(time))
         return self.source.ray_lists.count_hits(rays, rule, self._count(threads)).reshape(rays.shape)
+
+    def _count_points(self, rays: ArrayLike, threads: int | None = None) -> NDArray[np.int64]:
+        """(n,) int64: the number of hits of rays, (n, 6), or -1 where several may be at one point.
+
+        Only for scenes in memory; errors as for `occluded`.
+        """
+        arguments = rays_of(rays, None, HitFilter(0.0, np.inf), self._frame, self._n_faces, None, self._moment(0.0))
+        return cast(RayLists, self.source.ray_lists).count_points(arguments, self._count(threads))
 
     def segment_hits(
         self,

@@ -81,7 +81,8 @@ class RaycastingScene:
         """
         scene, threads = self._committed(), _threads(nthreads)
         hit = self._of_rays(lambda valid: scene.closest_hit(valid, threads=threads), rays)
-        return _results(t_hit=hit.t.astype(np.float32), **self._surfaces(hit.face, hit.u, hit.v))
+        t = hit.t.astype(np.float32)
+        return _results(t_hit=np.fmin(t, np.inf, out=t), **self._surfaces(hit.face, hit.u, hit.v))  # not NaN
 
     def test_occlusions(self, rays: ArrayLike, tnear: float = 0.0, tfar: float = np.inf, nthreads: int = 0) -> Any:
         """(...) bool: whether each of the rays, (..., 6) float, hits anything between tnear and tfar.
@@ -105,11 +106,13 @@ class RaycastingScene:
 
     def count_intersections(self, rays: ArrayLike, nthreads: int = 0) -> Any:
         """(...) int32: how many hits `list_intersections` has for each of the rays, (..., 6) float."""
-        rays = _rows(rays, "rays", 6)
-        hits, distinct = self._hits(rays, nthreads)
-        counts = (
-            hits.counts if distinct is None else np.bincount(hits.ray[distinct], minlength=len(hits.ray_offsets) - 1)
-        )
+        scene, threads, rays = self._committed(), _threads(nthreads), _rows(rays, "rays", 6)
+        flat = rays.reshape(-1, 6)
+        counts = self._of_rays(lambda valid: scene.engine._count_points(valid, threads), flat)
+        if len(unclear := np.flatnonzero(counts < 0)):
+            hits, distinct = self._hits(flat[unclear], nthreads)
+            ray = hits.ray if distinct is None else hits.ray[distinct]
+            counts[unclear] = np.bincount(ray, minlength=len(unclear))
         return _result(counts.astype(np.int32).reshape(rays.shape[:-1]))
 
     def list_intersections(self, rays: ArrayLike, nthreads: int = 0) -> dict[str, Any]:

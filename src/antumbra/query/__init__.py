@@ -10,5 +10,6 @@
 - `raster_setup`: edge functions and depth keys of a triangle
 - `raster_bins`: screen bounds of triangles, triangle list of each tile
 - `rasteriser`: `rasterise`, tile by tile
+- `surface_caps`: triangles that close open surfaces
 - `pixel_refinement`: pixels at silhouettes and in penumbrae, and their sub-pixels
 """

@@ -126,6 +126,23 @@ def _odd_ones(sides: NDArray[np.int64], n_edges: int) -> NDArray[np.bool_]:
     return np.asarray(np.bincount(sides[sides >= 0], minlength=n_edges) % 2 == 1)
 
 
+# --- Open edges -------------------------------------------------------------------------------------------------------
+
+
+def open_edges(corners: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(m, 2, 3): the ends of the edges that an odd number of triangles, (n, 3, 3), share, without negative zeros."""
+    hashes = _hashes(corners)
+    edges = _edge_hashes(hashes).reshape(-1)
+    odd = _odd_hashes(edges)
+    if not len(odd):
+        return np.empty((0, 2, 3), np.float32)
+    place = np.searchsorted(odd, edges)
+    place[place == len(odd)] = 0
+    sides = np.flatnonzero(odd[place] == edges)
+    face, side = np.divmod(sides[np.unique(edges[sides], return_index=True)[1]], 3)
+    return np.stack([corners[face, side], corners[face, (side + 1) % 3]], axis=1) + np.float32(0.0)
+
+
 # --- Hashes -----------------------------------------------------------------------------------------------------------
 
 
@@ -147,20 +164,30 @@ def _hashes(corners: NDArray[np.floating], salt: int = 0) -> NDArray[np.uint64]:
     return out
 
 
+def _edge_hashes(hashes: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """(n, 3): a hash of each side, from those of its ends; 0: it has no length."""
+    after = np.roll(hashes, -1, axis=1)
+    return np.where(hashes == after, np.uint64(0), _mixed(hashes + after))
+
+
+def _odd_hashes(edges: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """The hashes, ascending and without 0, that occur an odd number of times."""
+    ordered = np.sort(edges[edges != 0])
+    ends = np.flatnonzero(np.append(ordered[1:] != ordered[:-1], True))[: len(ordered)]
+    return np.asarray(ordered[ends[np.diff(ends, prepend=-1) % 2 == 1]])
+
+
 def _open_edges_without_repetitions(corners: NDArray[np.floating]) -> int | None:
     """The number of open edges; None if a face may exist several times."""
     edges, faces = np.empty((len(corners), 3), np.uint64), np.empty(len(corners), np.uint64)
     for first in range(0, len(corners), _AT_A_TIME):
         part = slice(first, first + _AT_A_TIME)
         hashes = _hashes(corners[part])
-        after = np.roll(hashes, -1, axis=1)
-        edges[part] = np.where(hashes == after, np.uint64(0), _mixed(hashes + after))
+        edges[part] = _edge_hashes(hashes)
         faces[part] = hashes.sum(axis=1)
     faces.sort()
     if (faces[1:] == faces[:-1]).any():
         return None
     if np.bitwise_xor.reduce(edges, axis=None) == 0:
         return 0
-    ordered = np.sort(edges[edges != 0])
-    ends = np.flatnonzero(np.append(ordered[1:] != ordered[:-1], True))
-    return int((np.diff(ends, prepend=-1) % 2 == 1).sum())
+    return len(_odd_hashes(edges))

@@ -101,7 +101,8 @@ _NONE = HitArrays(*(np.empty(0, dtype) for dtype in (np.bool_, np.int32, np.floa
 _NO_HITS = _NONE[1:]
 _HITS = ArgumentForm(_NONE)
 _POINTS, _NUMBERS, _ORIGIN = Operand(0, 0, 0, 0), Number(0, 0, 0, 0.0), (0.0, 0.0, 0.0)
-_RAYS = ArgumentForm(RayList(_POINTS, _POINTS, _NUMBERS, _NUMBERS, _NUMBERS, _ORIGIN, 0, 0, False))
+NO_RAYS = RayList(_POINTS, _POINTS, _NUMBERS, _NUMBERS, _NUMBERS, _ORIGIN, 0, 0, False)
+_RAYS = ArgumentForm(NO_RAYS)
 _OPERAND, _NUMBER, _GENERAL = (struct_of(flatten(each)[0]) for each in (_POINTS, _NUMBERS, (*_ORIGIN, 0, 0, False)))
 _I32, _F32, _F64 = np.dtype(np.int32), np.dtype(np.float32), np.dtype(np.float64)  # in the byte order of this machine
 
@@ -158,6 +159,13 @@ class RayArguments(NamedTuple):
     def packed(self) -> Packed:
         """The rays as a kernel's `RayList`, which keeps the arrays alive."""
         o, d, tmin, tmax, skip, shape, facing, segments, frame, _ = self
+        if type(tmin) is type(tmax) is type(skip) is float and _are_rows(o, shape) and _are_rows(d, shape):
+            packed = _RAYS.pack(
+                address_of(o), *o.strides, o.itemsize == 8, address_of(d), *d.strides, d.itemsize == 8,
+                0, 0, False, tmin, 0, 0, False, tmax, 0, 0, False, skip, *frame, *shape, facing, segments,
+            )  # fmt: skip
+            packed.value = o, d
+            return packed
         (o, origins), (d, directions) = _operand(o, shape), _operand(d, shape)
         (tmin, begin), (tmax, end) = _number(tmin, shape), _number(tmax, shape)
         skip, face = _number(skip, shape, _I32)
@@ -279,6 +287,11 @@ def _segment_ends(
     if directions is not None or np.any(as_array(tmin, "tmin")) or np.any(as_array(tmax, "tmax") != np.inf):
         raise InputError("give either targets, which end the rays, or directions, tmin and tmax")
     return targets, 1.0
+
+
+def _are_rows(array: np.ndarray, shape: tuple[int, ...]) -> bool:
+    """Whether points have a row for each ray, in memory that kernels read."""
+    return array.shape == (*shape, 3) and len(shape) == 1 and (array.dtype is _F64 or array.dtype is _F32)
 
 
 def _operand(array: np.ndarray, shape: tuple[int, ...]) -> tuple[np.ndarray, bytes]:

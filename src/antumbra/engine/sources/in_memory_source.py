@@ -17,15 +17,26 @@ from ...base.errors import InputError
 from ...base.forks import is_stuck, renew_after_fork
 from ...query.closed_surfaces import closed_surfaces
 from ...query.pixel_refinement import subpixel_rays
-from ...query.query_bounds import triangle_box
+from ...query.query_bounds import bounds, triangle_box
 from ...query.ray_list import RayArguments, TracedRays, hit_arrays
 from ...query.shadow_query import Surfaces, surfaces_of
+from ...query.surface_caps import surface_caps
 from ...scene.scene_data import MemoryData, SceneData
 from ...scene.triangle_setup import met_by_rays, rows_with_area, solid_faces
 from ...scene.triangles import AllHits, ClosestPoints, Triangles
 from ...trace.alpha_cutouts import CutoutTree
 from ...trace.closest_points import closer_of, closest_points
-from ...trace.rays.all_hits import INSIDE, RayHits, count_all, find_all, merge_triangles, unsigned
+from ...trace.rays.all_hits import (
+    INSIDE,
+    POINTS,
+    UNCLEAR,
+    RayHits,
+    count_all,
+    find_all,
+    merge_triangles,
+    unsigned,
+)
+from ...trace.rays.inside_votes import Caps
 from ...trace.rays.ray_batches import RayTracer
 from ..accelerator import Accelerated, Accelerator, SceneTrees
 from ..auto.cost_model import BEST, GOOD, seconds_before_best
@@ -84,8 +95,9 @@ class RayLists:
 
     def trace_rays(self, rays: RayArguments, any_hit: bool, threads: int) -> TracedRays:
         """The hits of rays. InputError if a ray is invalid."""
-        ready = self._ready_at(rays.time, rays.n)
-        out, start = hit_arrays(rays.n, any_hit), perf_counter()
+        n = rays.n
+        ready = self._ready_at(rays.time, n)
+        out, start = hit_arrays(n, any_hit), perf_counter()
         valid = ready.tracer.trace(rays, any_hit, out, threads)
         self._count(start, threads)
         if not valid:
@@ -124,7 +136,17 @@ class RayLists:
         counts = of_valid(rays, count_all(ready.tracer, rays, rule, threads))
         self._count(start, threads)
         cutouts = ready.accelerated.cutouts
-        return counts if cutouts is None else counts + self._hits_of(cutouts).count_hits(rays, rule, threads)
+        if cutouts is None:
+            return counts
+        if rule == POINTS:
+            return np.full(rays.n, UNCLEAR)
+        return counts + self._hits_of(cutouts).count_hits(rays, rule, threads)
+
+    def count_points(self, rays: RayArguments, threads: int) -> NDArray[np.int64]:
+        """(n,) int64: the number of hits of each ray; -1 where two may have the same t, which takes `all_hits`."""
+        counts = self.count_hits(rays, POINTS, threads)
+        counts[counts >= UNCLEAR] = -1
+        return counts
 
     def bodies(self, time: float) -> Bodies:
         """The surfaces at a time within 0 .. `duration`, cached for the latest one; those drawn twice count once."""
@@ -140,14 +162,33 @@ class RayLists:
         vertices, cutouts = triangles.vertices, triangles.cutouts
         shown = None if cutouts is None else np.union1d(cutouts.solid, cutouts.faces)
         open_edges, once = closed_surfaces(vertices if shown is None else vertices[shown])
-        box = triangle_box(triangles, self._threads)
-        if once is None:
-            return Bodies(box, open_edges, lambda rays, threads: self.count_hits(rays, INSIDE, threads), time)
-        solid = solid_faces(rows_with_area(vertices, self._threads), once if shown is None else shown[once])
+        bodies = Bodies(triangle_box(triangles, self._threads), open_edges, self._count_insides, time)
+        kept = once if shown is None or once is None else shown[once]
+        if once is not None:
+            tracer = self._tracer_of(triangles._replace(solid=kept))
+            count = lambda rays, threads: of_valid(rays, count_all(tracer, rays, INSIDE, threads))
+            bodies = bodies._replace(crossings=count)
+        if open_edges:
+            drawn = shown if kept is None else kept
+            corners = surface_caps(vertices if drawn is None else vertices[drawn])
+            if corners is not None:
+                bodies = bodies._replace(caps=self._caps_of(corners, triangles.origin))
+        return bodies
+
+    def _caps_of(self, corners: NDArray[np.float32], origin: NDArray[np.float64]) -> Caps:
+        """Caps, from their (n, 3, 3) corners."""
+        n = len(corners)
+        caps = Triangles(corners, origin, np.arange(n, dtype=np.int32), np.ones((n, 3), np.float32))
+        return Caps(self._tracer_of(caps), np.stack(bounds(corners, self._threads)))
+
+    def _count_insides(self, rays: RayArguments, threads: int) -> NDArray[np.int64]:
+        return self.count_hits(rays, INSIDE, threads)
+
+    def _tracer_of(self, triangles: Triangles) -> RayTracer:
+        """A tracer of the triangles with area, among the `solid` ones."""
+        solid = solid_faces(rows_with_area(triangles.vertices, self._threads), triangles.solid)
         accelerator = Accelerator(parse_plan(RAY_PLANS[0]), self._threads)
-        tracer = RayTracer(accelerator.build(triangles._replace(solid=solid, cutouts=None)).prepared)
-        count = lambda rays, threads: of_valid(rays, count_all(tracer, rays, INSIDE, threads))
-        return Bodies(box, open_edges, count, time)
+        return RayTracer(accelerator.build(triangles._replace(solid=solid, cutouts=None)).prepared)
 
     def closest_points(self, points: NDArray[np.float32], time: float, threads: int) -> ClosestPoints:
         """The closest points to points, (n, 3) in the scene's frame, at a time; those of cut-outs may lie in holes."""

@@ -29,6 +29,7 @@ from ...scene.camera import Camera
 from ...scene.lights import Light
 from ...scene.scene_data import SceneData
 from ...scene.triangles import AllHits, ClosestPoints, Triangles
+from ...trace.rays.inside_votes import Caps
 from ...trace.transmission import TracedQuery
 from ..accelerator import Accelerated, Accelerator, SceneTrees
 from ..plan import Plan
@@ -57,6 +58,7 @@ class Bodies(NamedTuple):
     open_edges: int | None  # that an odd number of faces share; None: not counted
     crossings: Callable[[RayArguments, int], NDArray[np.int64]]  # counts of rays by the rule INSIDE, on some threads
     time: float  # seconds: that of the rays
+    caps: Caps | None = None  # that close the surfaces; None: rays through the surfaces vote
 
 
 class TreeHits(HitSource, Protocol):

@@ -14,7 +14,7 @@ Order. Hits are sorted as `kernels.exact.filters.precedes` states, so the first 
 Rules. TRIANGLES counts every triangle that a ray meets, so a ray through a common edge counts two. SURFACES displaces
 rays infinitesimally (`kernels.exact.surface_crossing`), so it counts one. A hit that float32 decides lies inside its
 triangle, so only undecided tests need the second rule. INSIDE is SURFACES for a ray from a point, and also marks points
-that are on a triangle.
+that are on a triangle. POINTS counts TRIANGLES, and marks rays of which two hits may have the same t.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,15 +27,18 @@ from ...bvh.nodes import WIDTH, wide_tree_of
 from ...kernels.exact.filters import precedes
 from ...kernels.exact.predicate import exact_touches
 from ...kernels.exact.surface_crossing import crosses_surface
-from ...kernels.jit import I32Ptr, I64Ptr, inlined, kernel, overload
+from ...kernels.jit import F32Ptr, I32Ptr, I64Ptr, inlined, kernel, overload
 from ...kernels.marshalling import ArgumentForm, Packed, address_of
 from ...kernels.parallel import STOP, items, new_ticket, run, thread_count
 from ...kernels.simd import (
     atomic_add,
+    bits,
     get,
+    load16,
     lowest_bit,
     popcount,
     ptr,
+    ptr_at,
     put,
     splat16,
     stack_f32,
@@ -46,7 +49,7 @@ from ...kernels.simd import (
 from ...query.ray_list import HitArrays, RayArguments, hit_arrays
 from ...scene.triangles import AllHits
 from .hit_reports import CORNER_WORDS, REPORT_WORDS, Report, compute_numbers, pad, write_hit
-from .interleaved_rays import keep_hits, leaf_of, walk_interleaved
+from .interleaved_rays import bounds_of, keep_hits, leaf_of, walk_interleaved
 from .ray_batches import RayTracer, read_batch, run_batches
 from .ray_traversal import settle
 from .row_tiles import line_of
@@ -62,13 +65,18 @@ from .wide_traversal import (
     without_skipped,
 )
 
-TRIANGLES, SURFACES, INSIDE = range(3)
+TRIANGLES, SURFACES, INSIDE, POINTS = range(4)
 """Rules of counting, see above."""
 
 ON_SURFACE = 1 << 30
 """Added to a count by INSIDE for each triangle that the ray's origin is on."""
 
+UNCLEAR = 1 << 30
+"""In a count by POINTS: the ray has an undecided test, many hits, or two whose t may be equal."""
+
 _RAYS = BLOCKS * LANES
+_SPAN_WORDS = 2 * LANES  # a ray's `near` and `far` of at most 16 hits
+_SPANS = _RAYS * _SPAN_WORDS
 _ROWS, _PRECISE = BLOCKS * BLOCK_WORDS, BLOCKS * PRECISE_WORDS
 
 # --- Hits of a batch --------------------------------------------------------------------------------------------------
@@ -83,6 +91,24 @@ class HitSink(NamedTuple):
     slots: I64Ptr  # int64 *: the slot of its triangle
     room: int  # most hits that are listed
     rule: int
+    spans: F32Ptr  # float32 *, for the rule POINTS: bounds of the t of each ray's hits
+
+
+@inlined
+def _add_spans(sink, i, hits, undecided, bounds):
+    """Count hits (bits) of ray i by the rule POINTS; bounds: of all tests in its leaf."""
+    n, spans, is_clear = np.int64(get(sink.counts, i)), ptr_at(sink.spans, i * _SPAN_WORDS), undecided == 0
+    while hits and is_clear:
+        k = lowest_bit(hits)
+        hits &= hits - 1
+        near, far = get(bounds, k), get(bounds, WIDTH + k)
+        equal = bits((load16(spans, 0) <= far) & (load16(spans, LANES) >= near)) & ((1 << n) - 1)
+        is_clear = n < LANES and equal == 0
+        if is_clear:
+            put(spans, n, near)
+            put(spans, LANES + n, far)
+            n += 1
+    put(sink.counts, i, np.int32(n if is_clear else UNCLEAR))
 
 
 @inlined
@@ -117,6 +143,9 @@ def _keep_all(sink, tree, blocks, i, rays, query):
     decided, undecided, skip = lanes & ((1 << WIDTH) - 1), lanes >> WIDTH, np.int64(get(block.skip, i % LANES))
     if decided and skip >= 0:
         decided = without_skipped(tree, first, decided, skip)
+    if sink.rule == POINTS:
+        _add_spans(sink, i, decided, undecided, bounds_of(rays, i))
+        return False
     if sink.room == 0:
         put(sink.counts, i, get(sink.counts, i) + np.int32(popcount(decided)))
         decided = np.int64(0)
@@ -139,7 +168,7 @@ def _keep_hits(hits, tree, blocks, i, rays, query, counters):
 
 
 @inlined
-def _walk_batch(tree, batch, alive, cull_faces, sink):
+def walk_batch(tree, batch, alive, cull_faces, sink):
     """Add all hits of the rays in `alive` (bits) of a batch to an empty sink."""
     for k in range(0, _RAYS, LANES):
         store(sink.counts, k, splat16(np.int32(0)))
@@ -155,13 +184,13 @@ def _count(ticket, wide, rays, rule, out, faults):
     """Worker: write the number of hits of each ray."""
     batch = RayBlock(stack_f32(_ROWS), stack_f64(_PRECISE), stack_i32(_RAYS), rays.segments)
     nothing, tree = stack_i32(1), wide_tree_of(wide)
-    sink = HitSink(stack_i32(_RAYS), stack_i32(1), nothing, nothing, np.int64(0), rule)
+    sink = HitSink(stack_i32(_RAYS), stack_i32(1), nothing, nothing, np.int64(0), rule, stack_f32(_SPANS))
     for b in items(ticket):
         n, alive, good = read_batch(tree, rays, line_of(b * _RAYS), batch)
         if not good:
             faults[0], ticket[STOP] = True, 1
             break
-        _walk_batch(tree, batch, alive, rays.cull_faces, sink)
+        walk_batch(tree, batch, alive, rays.cull_faces, sink)
         for i in range(n):
             out[b * _RAYS + i] = get(sink.counts, i)
 
@@ -258,7 +287,7 @@ def _collect(ticket, wide, rays, rule, batches, out, scratch):
     """Worker: write the hits of batches, or only count those for which memory is too small."""
     batch = RayBlock(stack_f32(_ROWS), stack_f64(_PRECISE), stack_i32(_RAYS), rays.segments)
     room, tree = np.int64(len(scratch.rays) - LANES), wide_tree_of(wide)
-    sink = HitSink(stack_i32(_RAYS), stack_i32(1), ptr(scratch.rays), ptr(scratch.slots), room, rule)
+    sink = HitSink(stack_i32(_RAYS), stack_i32(1), ptr(scratch.rays), ptr(scratch.slots), room, rule, stack_f32(1))
     report = Report(stack_f32(CORNER_WORDS), stack_f32(BLOCK_WORDS), stack_f64(REPORT_WORDS), sink.rays, sink.slots)
     for k in items(ticket):
         first = batches.numbers[k] * _RAYS
@@ -266,7 +295,7 @@ def _collect(ticket, wide, rays, rule, batches, out, scratch):
         if not good:
             batches.faults[0], ticket[STOP] = True, 1
             break
-        _walk_batch(tree, batch, alive, rays.cull_faces, sink)
+        walk_batch(tree, batch, alive, rays.cull_faces, sink)
         total, place = np.int64(get(sink.total, 0)), np.int64(-1)
         if total <= room:
             place = atomic_add(batches.next_free, 0, total)

@@ -159,8 +159,14 @@ def leaf_of(rays, i):
 
 
 @inlined
+def bounds_of(rays, i):
+    """`near` and `far` of the tests in ray i's leaf, 8 float32 each."""
+    return ptr_at(rays.bounds, i * _BOUNDS)
+
+
+@inlined
 def _keep_one(hits, tree, blocks, i, rays, query):
-    j, (first, lanes), bounds = i // LANES, leaf_of(rays, i), ptr_at(rays.bounds, i * _BOUNDS)
+    j, (first, lanes), bounds = i // LANES, leaf_of(rays, i), bounds_of(rays, i)
     return keep_lanes(tree, block_of(blocks, j), i % LANES, first, lanes, bounds, query.any_hit, hits_of(hits, j))
 
 

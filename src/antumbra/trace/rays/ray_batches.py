@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ...bvh.nodes import WideBvh, wide_tree_of
 from ...kernels.exact.predicate import two_diff
 from ...kernels.jit import inlined, kernel
-from ...kernels.marshalling import Packed, packed
+from ...kernels.marshalling import ArgumentForm, Packed, packed
 from ...kernels.parallel import NEXT, STOP, N, Ticket, items, new_ticket, run, run_short, thread_count
 from ...kernels.simd import (
     absolute,
@@ -43,7 +43,7 @@ from ...kernels.simd import (
     to_f32,
     to_f64,
 )
-from ...query.ray_list import HitArrays, RayArguments
+from ...query.ray_list import NO_RAYS, HitArrays, RayArguments
 from ...scene.scene_bounds import NEAREST
 from ..counters import N_COUNTERS, RAYS, add_counters, cleared, count, new_counters
 from .hit_reports import CORNER_WORDS, REPORT_WORDS, Report, write_nearest
@@ -82,6 +82,7 @@ _FEW = 512  # batches
 _LINE = 16  # float32 of a cache line
 _FIRST_COLUMN = np.int64(0x0101010101010101)  # bits of the first ray of each run
 _LINES = packed(NO_RUNS)
+_QUERIES = packed(False), packed(True)  # the values of any_hit
 _FINITE = np.float32(3.4028235e38)
 _NEAREST, _ZERO = np.float32(NEAREST), np.float32(0.0)
 
@@ -267,6 +268,14 @@ class _Batches(NamedTuple):
     rays: Packed  # a `RayList`
     runs: NDArray[np.int64] | Packed  # (b, 3), from `runs_of`
 
+    @staticmethod
+    def of_lines(rays: Packed) -> Packed:
+        """Batches of consecutive rays, as a kernel argument."""
+        return _BATCHES.of_words(rays.words + _LINES.words, rays)
+
+
+_BATCHES = ArgumentForm(_Batches(packed(NO_RAYS), NO_RUNS))
+
 
 @inlined
 def _fetch_next(rays, runs, any_hit, out):
@@ -374,7 +383,8 @@ class RayTracer:
         listed, output, n = rays.packed(), out.packed(), rays.n
         if n <= _CHUNK * _RAYS:  # no second thread would get any
             scratch.begin(-(-n // _RAYS))
-            _blocks(ticket, self.tree, _Batches(listed, _LINES), any_hit, output, faults, sums)
+            query = _QUERIES[any_hit]
+            _blocks(ticket, self.tree, _Batches.of_lines(listed), query, output, faults, sums)  # quick: all are packed
         else:
             runs = runs_of(listed, n)
             scratch.begin(len(runs) or -(-n // _RAYS))
