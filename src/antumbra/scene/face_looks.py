@@ -24,6 +24,7 @@ LOOK_WIDTHS = {
     "colours": LookWidth(12, 1.0),
     "normals": LookWidth(12, 0.0),
     "tangents": LookWidth(10, 0.0),
+    "second_uv": LookWidth(6, 0.0),
 }
 """The attributes of `FaceLooks`."""
 
@@ -38,6 +39,7 @@ class FaceLooks(NamedTuple):
     colours: NDArray[np.float32] | None = None  # (n, 12): colours and alphas of corners
     normals: NDArray[np.float32] | None = None  # (n, 12): `Appearance.normals`, then `bends`
     tangents: NDArray[np.float32] | None = None  # (n, 10): `Appearance.tangents`, then `hands`
+    second_uv: NDArray[np.float32] | None = None  # (n, 6): a second set of texture coordinates
 
     def part(self, first: int, last: int) -> "FaceLooks":
         """Those of the faces `first` to `last`, exclusive."""
@@ -67,7 +69,7 @@ def looks_of(appearance: Appearance) -> FaceLooks:
     tangents = (
         None if a.tangents is None or a.hands is None else np.hstack([a.tangents.reshape(n, 9), a.hands[:, None]])
     )
-    return FaceLooks(kind, rows(a.uv), rows(a.colours), normals, tangents)
+    return FaceLooks(kind, rows(a.uv), rows(a.colours), normals, tangents, rows(a.second_uv))
 
 
 class LookFinder(ABC):

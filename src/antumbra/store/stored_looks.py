@@ -41,13 +41,13 @@ ROW = np.dtype(
         ("colours", "<u2"),
         ("normals", "<u2"),  # 1 or 0
         ("tangents", "<u2"),
-        ("zero", "<u2"),
+        ("second_uv", "<u2"),  # distinct corners
     ]
 )
 """A block in the table."""
 
 
-_ROWS = {"uv": "uv_rows", "colours": "colour_rows"}
+_ROWS = {"uv": "uv_rows", "colours": "colour_rows", "second_uv": "second_rows"}
 """Attributes of which equal corners are stored once, and the arrays that index them."""
 
 
@@ -60,11 +60,13 @@ class _Column(NamedTuple):
 
 def _columns(row: np.ndarray, n: int) -> dict[str, _Column]:
     """The arrays of a block of n faces, in order."""
-    kinds, uv, colours, normals, tangents = (int(row[name]) for name in ("kinds", *LOOK_WIDTHS))
+    kinds, uv, colours, normals, tangents, second = (int(row[name]) for name in ("kinds", *LOOK_WIDTHS))
     columns = {
         "kinds": _Column("<i4", (kinds,)), "uv": _Column("<f4", (uv, 2)), "colours": _Column("<f4", (colours, 4)),
+        "second_uv": _Column("<f4", (second, 2)),
         "normals": _Column("<f4", (normals * n, 12)), "tangents": _Column("<f4", (tangents * n, 10)),
         "uv_rows": _Column("<u2", (n * (uv > 0), 3)), "colour_rows": _Column("<u2", (n * (colours > 0), 3)),
+        "second_rows": _Column("<u2", (n * (second > 0), 3)),
         "kind_rows": _Column(index_dtype(kinds), (n * (kinds > 1),)),
     }  # fmt: skip
     return columns
@@ -236,7 +238,7 @@ class StoredLooks:
             raise self._damaged("are damaged")
         table = np.frombuffer(data, ROW, n_blocks)
         ends = table["offset"] + table["bytes"]
-        good = (table["offset"] >= 0) & (table["bytes"] >= 0) & (ends <= section.table) & (table["zero"] == 0)
+        good = (table["offset"] >= 0) & (table["bytes"] >= 0) & (ends <= section.table)
         good &= (table["kinds"] <= BLOCK) & (table["normals"] <= 1) & (table["tangents"] <= 1)
         if not good.all():
             raise self._damaged(f"are not consistent (block {int(np.argmin(good))} has no place)")
@@ -303,12 +305,12 @@ class StoredLooks:
 def _rows(arrays: dict[str, np.ndarray], rows: NDArray[np.int64]) -> FaceLooks:
     """The looks of some faces of a block."""
     kind = arrays["kinds"][arrays["kind_rows"][rows]] if len(arrays["kind_rows"]) else arrays["kinds"].repeat(len(rows))
-    corners = [
-        arrays[name][arrays[index][rows]].reshape(len(rows), -1) if len(arrays[name]) else None
+    corners = {
+        name: arrays[name][arrays[index][rows]].reshape(len(rows), -1) if len(arrays[name]) else None
         for name, index in _ROWS.items()
-    ]
-    of_faces = [arrays[name][rows] if len(arrays[name]) else None for name in ("normals", "tangents")]
-    return FaceLooks(kind, *corners, *of_faces)
+    }
+    of_faces = {name: arrays[name][rows] if len(arrays[name]) else None for name in ("normals", "tangents")}
+    return FaceLooks(kind, **corners, **of_faces)
 
 
 class LooksPart(NamedTuple):
@@ -408,4 +410,5 @@ def _appearance(
         mapped,
         part(tangents, slice(9), 3, 3),
         part(tangents, slice(9, None)),
+        second_uv=part(found.get("second_uv"), slice(None), 3, 2),
     )

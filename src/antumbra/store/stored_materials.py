@@ -68,7 +68,11 @@ def material_to_json(material: Material, images: Images) -> str:
         record["pbr"] = {name: getattr(pbr, name) for name in (*_NUMBERS, "emission")}
         for name in _MAPS:
             if (of := getattr(pbr, name)) is not None:
-                record["pbr"][name] = {"texture": _texture_record(of.texture, images), "transform": of.transform}
+                record["pbr"][name] = {
+                    "texture": _texture_record(of.texture, images),
+                    "transform": of.transform,
+                    "second": of.second,
+                }
     return json.dumps(record, default=float)
 
 
@@ -190,7 +194,7 @@ def _map_of(record: dict[str, Any], textures: StoredTextures) -> TextureMap:
         if len(rows) != 2:
             raise ValueError("a transform has other than two rows")
         transform = (a, b, c), (d, e, f)
-    return TextureMap(textures.texture(record["texture"]), transform)
+    return TextureMap(textures.texture(record["texture"]), transform, bool(record["second"]))
 
 
 def _numbers(values: Any, n: int) -> list[float]:
