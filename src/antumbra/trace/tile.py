@@ -270,19 +270,29 @@ def load_receivers(chunk, y0, x0, tile):
 
 
 @inlined
-def bound_receivers(tile, valid):
-    """Fill `info` from the `valid` lanes, at least one. Copy one of them to the other lanes."""
+def fill_lanes(tile, valid):
+    """Copy one of the `valid` receivers (bits), at least one, to the other lanes."""
+    if valid == 0xFFFF:
+        return
     there, any_lane = mask_from_bits16(valid), lowest_bit(valid)
     for k in range(3):
         o = select(there, load16(tile.origins, 16 * k), broadcast16(tile.origins, 16 * k + any_lane))
         store(tile.origins, 16 * k, o)
+    store(tile.faces, 0, select(there, load16(tile.faces, 0), splat16(np.int32(-1))))
+
+
+@inlined
+def bound_receivers(tile, valid):
+    """`fill_lanes`, and fill `info`, which shafts need."""
+    fill_lanes(tile, valid)
+    for k in range(3):
+        o = load16(tile.origins, 16 * k)
         low, high = reduce_min(o), reduce_max(o)
         middle, half = middle_and_half(low, high)
         put(tile.info, k, middle)
         put(tile.info, 3 + k, half)
         put(tile.info, 6 + k, low)
         put(tile.info, 9 + k, high)
-    store(tile.faces, 0, select(there, load16(tile.faces, 0), splat16(np.int32(-1))))
 
 
 @inlined
@@ -447,7 +457,11 @@ def write_bits(chunk, y0, x0, valid, tile, out):
     )
     if bits((load16(tile.dead, 0) & splat16(np.int32(valid))) != 0) & known == 0:
         return
-    transpose_bits(tile.dead, tile.dead)
+    if chunk.n_samples == 1:
+        valid &= get(tile.dead, 0)
+        store(tile.dead, 0, splat16(np.int32(1)))
+    else:
+        transpose_bits(tile.dead, tile.dead)
     while valid != 0:
         lane = lowest_bit(valid)
         valid &= valid - 1

@@ -34,7 +34,7 @@ from ..tile import (
     TILE_FLOATS,
     Tile,
     TileShape,
-    bound_receivers,
+    fill_lanes,
     first_pixel,
     load_receivers,
     move_light,
@@ -158,7 +158,7 @@ def read_tile(job, chunk, n, scratch, known, counters):
     put(scratch.deferred, 0, 0)
     valid = load_receivers(chunk, y0, x0, tile)
     if valid != 0:
-        bound_receivers(tile, valid)
+        fill_lanes(tile, valid)
         if not chunk.fixed:
             move_light(chunk, y0, x0, valid, tile)
         if job.fresh:
@@ -234,6 +234,10 @@ def _samples(query: ShadowQuery, sets: NDArray[np.int64]) -> SampleRows:
     return SampleRows(table, np.ascontiguousarray(parameters.transpose(1, 0, 3, 2)))
 
 
+_BUNDLE = 4  # tiles that a worker may trace together
+_SHARES, _MOST = 256, 64  # shares of a query's tiles that threads take, and tiles in each
+
+
 class TileRun(NamedTuple):
     """A worker, and how it runs over the tiles of a query."""
 
@@ -254,7 +258,8 @@ def trace_tiles(tiles: TileRun, tree: object, query: ShadowQuery, bits: NDArray[
     for chunk in range(-(-spp // STRATA)) if tiles.chunks is None else tiles.chunks:
         count = min(STRATA, spp - chunk * STRATA)
         job = RayTileJob(shape, chunk, count, tiles.by_sample, tiles.fresh)
-        ticket = new_ticket(shape.columns * shape.rows, 4)
+        n = shape.columns * shape.rows
+        ticket = new_ticket(n, min(max(n // _SHARES // _BUNDLE * _BUNDLE, _BUNDLE), _MOST))
         arrays = tree, query, samples, job, bits, counters
         run(tiles.worker, thread_count(tiles.threads), ticket, *arrays, *options, progress=tiles.progress)
 
