@@ -86,9 +86,10 @@ def test_a_moved_scene_keeps_its_looks(file, tmp_path):
     scene = at.load(file)
     scene.update(transform=[[0.8, 0, 0.6, 0], [0, 1, 0, 0.2], [-0.6, 0, 0.8, 0], [0, 0, 0, 1]])
     at.build_store(scene, tmp_path / "a.antumbra")
+    assert (scene.appearance.second_uv is not None) == (file.suffix == ".glb")
     found = at.load(tmp_path / "a.antumbra").data.stored_looks.of(np.arange(scene.n_triangles))
     expected = scene.appearance
-    for name in ("uv", "colours", "normals", "bends", "textured", "mapped", "tangents", "hands"):
+    for name in ("uv", "colours", "normals", "bends", "textured", "mapped", "tangents", "hands", "second_uv"):
         assert np.array_equal(getattr(found, name), getattr(expected, name)), name
     of_face = lambda each: [each.materials[k]._replace(texture=None, pbr=None) for k in each.material_of_face]
     factors = lambda each: [(m.name, m.factor) for m in of_face(each)]

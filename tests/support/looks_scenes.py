@@ -32,11 +32,10 @@ def gltf(folder, name):
         "materials", name="all", normalTexture=bumps | {"scale": 0.7},
         pbrMetallicRoughness={"baseColorTexture": base, "metallicRoughnessTexture": texture(made, _pixels(3)) | turned},
         occlusionTexture=texture(made, _pixels(4)) | {"strength": 0.6},
-        emissiveTexture=texture(made, _pixels(5)), emissiveFactor=[0.1, 0.0, 0.2],
+        emissiveTexture=texture(made, _pixels(5)) | {"texCoord": 1}, emissiveFactor=[0.1, 0.0, 0.2],
     )  # fmt: skip
-    mesh = made.mesh(
-        made.primitive(points, faces, attributes=normal | {"TEXCOORD_0": made.accessor(2 * uv)}, material=of_all)
-    )
+    sets = {"TEXCOORD_0": made.accessor(2 * uv), "TEXCOORD_1": made.accessor(np.ascontiguousarray(3 * uv[:, ::-1]))}
+    mesh = made.mesh(made.primitive(points, faces, attributes=normal | sets, material=of_all))
     made.node(mesh=mesh, translation=[-1.0, 0.5, 0.0], rotation=[0.0, 0.6, 0.0, 0.8])
     made.node(mesh=mesh, translation=[2.0, 0.5, -0.5], scale=[-0.8, 1.1, 0.8])
     holes = np.dstack([_pixels(6, 8), 255 * (rng.random((8, 8)) < 0.6).astype(np.uint8)])
