@@ -192,12 +192,13 @@ def test_pages_linked_from_the_readme_are_plain_markdown():
 
 
 @pytest.mark.parametrize("page", sorted(path.stem for path in (DOCS / "jobs").glob("*.md") if path.stem != "cluster"))
-def test_job_pages_begin_with_the_work_as_a_command_and_in_python(page):
+def test_job_pages_begin_with_a_picture_and_the_work_as_a_command_and_in_python(page):
     """The two blocks in a row are tabs on the site. (`cluster` is about all jobs.)"""
     text = (DOCS / "jobs" / f"{page}.md").read_text(encoding="utf-8")
     pairs = re.findall(r"^```sh\nantumbra .*?^```\n\n```(?:python|py)\nimport antumbra as at$", text, re.M | re.S)
     first = text.index("```sh\n")
-    assert pairs and first < 1500 and "```" not in text[:first]
+    title, picture, sentence = text[:first].strip().split("\n\n")
+    assert pairs and title.startswith("# ") and picture.startswith(("![", "```{live} ")) and "```" not in sentence
 
 
 def test_a_command_and_the_python_after_it_become_tabs(extension):
