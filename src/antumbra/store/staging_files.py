@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..kernels.jit import kernel
-from ..scene.face_looks import FaceLooks
+from ..scene.face_looks import LOOK_WIDTHS, FaceLooks
 from ..scene.mesh import Piece, distinct_vertices
 from ..scene.open_faces import HIDDEN, NONE_OPEN, OpenFaces
 from ..scene.scene_bounds import Survey, faces_of
@@ -83,7 +83,7 @@ STAGED = np.dtype(
         ("is_indexed", "?"),  # whether faces index the vertices, else every three are a face
         ("open", "<i8"),  # faces that are not solid, whose numbers, masks and texture coordinates follow
         ("looks", "<i8"),  # offset of the looks of its faces, see `staged_looks`; 0: all have plain colours
-        ("has", "?", 4),  # which attributes of `FaceLooks` are there
+        ("has", "?", len(LOOK_WIDTHS)),  # which attributes of `FaceLooks` are there
     ]
 )
 """A piece in a file of staged pieces."""
