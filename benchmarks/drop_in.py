@@ -4,8 +4,8 @@
 
 The contenders are called as users call them, on all cores that they use: ``at.trimesh_ray(mesh)`` and trimesh's own
 ``mesh.ray`` with embreex, and both RaycastingScenes. Rays start anywhere in the bounds of a scene, with random
-directions; points lie in the bounds. The default scenes are the Stanford bunny, Sponza and Delft from $ANTUMBRA_SCENES,
-or from ../shared/scenes beside the repository, else generated ones. Each query is timed with 1, 100, 10,000 and
+directions; points lie in the bounds. The default scenes are a closed ball, and the Stanford bunny, Sponza and Delft, which
+have open edges, from $ANTUMBRA_SCENES, or from ../shared/scenes beside the repository, else generated ones. Each query is timed with 1, 100, 10,000 and
 1,000,000 rays or points a call; "first call" is a new intersector's, with its set-up and 1,000 any-hit rays.
 
 Wrong answers are counted on balls in coordinates that float32 holds, against integer arithmetic (`zoo_truth`): hits of
@@ -145,11 +145,12 @@ def _filled(scene, mesh: trimesh.Trimesh, tensor: Callable):
 
 def meshes(paths: list) -> Iterator[tuple[str, trimesh.Trimesh]]:
     """Name and mesh of each scene."""
+    if not paths:
+        yield "ball", trimesh.creation.icosphere(6)  # closed, unlike the others
     paths = paths or [path for name in REAL if (path := SCENES / name / "scene.glb").exists()]
     scenes = [(path.parent.name, at.load(path)) for path in paths]
     if not scenes:
         print(f"no scene given and none in {SCENES}: using generated ones")
-        yield "ball", trimesh.creation.icosphere(6)
         scenes = [(name, at.procedural(name, triangles=n)) for name, n in GENERATED.items()]
     for name, scene in scenes:
         soup = scene.triangles().vertices.reshape(-1, 3) + scene.origin
