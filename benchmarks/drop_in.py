@@ -4,9 +4,10 @@
 
 The contenders are called as users call them, on all cores that they use: ``at.trimesh_ray(mesh)`` and trimesh's own
 ``mesh.ray`` with embreex, and both RaycastingScenes. Rays start anywhere in the bounds of a scene, with random
-directions; points lie in the bounds. The default scenes are a closed ball, and the Stanford bunny, Sponza and Delft, which
-have open edges, from $ANTUMBRA_SCENES, or from ../shared/scenes beside the repository, else generated ones. Each query is timed with 1, 100, 10,000 and
-1,000,000 rays or points a call; "first call" is a new intersector's, with its set-up and 1,000 any-hit rays.
+directions; points lie in the bounds. The default scenes are a closed ball, and the Stanford bunny, Sponza and Delft,
+which have open edges, from $ANTUMBRA_SCENES, or from ../shared/scenes beside the repository, else generated ones. Each
+query is timed with 1, 100, 10,000 and 1,000,000 rays or points a call; "first call" is a new intersector's, with its
+set-up and 1,000 any-hit rays.
 
 Wrong answers are counted on balls in coordinates that float32 holds, against integer arithmetic (`zoo_truth`): hits of
 rays through vertices and edges, of rays through thin layers, and points next to a surface. Each case comes at the
