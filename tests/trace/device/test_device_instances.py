@@ -132,3 +132,18 @@ def test_shafts_on_devices_need_flattened_copies():
             ((inside, plan), (flat, "bsah+single"))]  # fmt: skip
     np.testing.assert_array_equal(*bits)
     assert bits[0].any() and "_flat" in vars(inside.data) and not traces_instances(parse_plan(plan))
+
+
+class OnCard:
+    """As tensors of PyTorch on a card."""
+
+    __cuda_array_interface__ = None
+
+    def __array__(self, *arguments, **options):
+        raise TypeError
+
+
+def test_arrays_on_cards_are_refused_with_the_cure():
+    message = "^origins: the array is on a card, from which this plan or scene takes none; copy it to the host$"
+    with pytest.raises(at.InputError, match=message):
+        Engine(whole_scenes(2)[0], "bsah+device:host").occluded(OnCard(), np.ones((3, 3)))
