@@ -20,6 +20,7 @@ from antumbra.trace.device import device_tracer as device_tracer_module
 from antumbra.trace.device.device_tree import UploadedTree
 from antumbra.trace.device.tree_build import BuiltTree
 from asking import answer, query_of
+from cutout_scenes import scene_with_cutouts
 from devices import device_plans
 from instance_scenes import whole_scenes
 from truths import soup_scene
@@ -68,6 +69,13 @@ def test_shafts_give_pictures_and_rays_of_the_cpu_with_fewer_nodes(build, name):
     origins, targets = np.random.default_rng(1).uniform(-3, 3, (2, 50, 3))
     blocked = Engine(scene, plan).occluded(origins, targets=targets)
     np.testing.assert_array_equal(blocked, scene.occluded(origins, targets=targets))
+
+
+@pytest.mark.parametrize("plan", [ON_HOST, "bsah+multifrusta+device:host:0", "grid32+ploc+device:host:0"])
+@pytest.mark.parametrize("make", [lambda: soup_scene(3), scene_with_cutouts, lambda: whole_scenes(1)[0]])
+def test_no_points_have_no_answers(plan, make):
+    found = at.visibility(make(), np.zeros((0, 3)), LOOK[1], spp=5, plan=plan)
+    assert found.bits.shape[0] == 0 and found.fraction.shape[0] == 0
 
 
 @pytest.mark.parametrize("plan", [None, "auto", ON_HOST, "bsah+device:host"])

@@ -223,6 +223,10 @@ def _numbers_of(array: NDArray[Any], value: Any, what: str) -> NDArray[np.float6
     if array.dtype == object and array.ndim and all(map(is_number, array.flat)):
         with suppress(TypeError, ValueError, OverflowError):
             return np.array([float(each) for each in array.flat]).reshape(array.shape)
+    if hasattr(value, "__cuda_array_interface__"):
+        raise InputError(
+            f"{what}: the array is on a card, from which this plan or scene takes none; copy it to the host"
+        )
     kind = f"{array.dtype}" if isinstance(value, np.ndarray) else quoted(value)
     raise InputError(f"{what} must be numbers (float32 or float64), not {kind}")
 

@@ -83,7 +83,6 @@ class OnDeviceTracer(Tracer):
     """
 
     builders = ("lbvh", "ploc")
-    shafts = False
 
     def __init__(self, device: str) -> None:
         self.device, self.description = device, f"one ray per thread on the device {device}, exact with the CPU's help"
@@ -125,23 +124,36 @@ class OnDeviceTracer(Tracer):
         progress: ProgressCallback | None = None,
         fresh: bool = True,
     ) -> None:
-        tracer, n = prepared.tracer, thread_count(threads)
-        visits = tracer.visits
-        tracer.trace_shadow(prepared.tree, query, bits, n, progress, self.shafts)
+        prepared.tracer.trace_shadow(prepared.tree, query, bits, thread_count(threads), progress)
         if counters is not None:
             counters[RAYS] += ray_count(query)
-            counters[NODES] += tracer.visits - visits
 
 
 class ShaftsOnDeviceTracer(OnDeviceTracer):
     """One shaft of up to 16 shadow rays per thread on a device; rays of lists, and unsuitable queries, one by one."""
 
     paper = BENTHIN
-    shafts = True
 
     def __init__(self, device: str) -> None:
         super().__init__(device)
         self.description = f"one shaft of shadow rays per thread on the device {device}, exact with the CPU's help"
+
+    def trace(
+        self,
+        prepared: OnDevice,
+        query: ShadowQuery,
+        bits: Bits,
+        threads: int | None = None,
+        counters: Counters | None = None,
+        progress: ProgressCallback | None = None,
+        fresh: bool = True,
+    ) -> None:
+        tracer = prepared.tracer
+        visits = tracer.visits
+        tracer.trace_shadow(prepared.tree, query, bits, thread_count(threads), progress, True)
+        if counters is not None:
+            counters[RAYS] += ray_count(query)
+            counters[NODES] += tracer.visits - visits
 
 
 def _vertices(triangles: Triangles, tracer: Any) -> Any:
@@ -181,3 +193,8 @@ def device_of(tracer: str) -> str | None:
     """The full name of the device of a tracer, by its canonical name; None: it traces on the CPU."""
     family, _, device = tracer.partition(":")
     return device if family in (DEVICE, SHAFTS) else None
+
+
+def traces_single_rays(tracer: str) -> bool:
+    """Whether a tracer, by its canonical name, traces all rays on a device one by one, as it does through copies."""
+    return tracer.partition(":")[0] == DEVICE

@@ -5,6 +5,8 @@ import pytest
 
 import antumbra as at
 from antumbra.engine.engine import Engine
+from antumbra.engine.plan import parse_plan
+from antumbra.engine.sources.instanced_source import traces_instances
 from antumbra.query.light_samples import light_samples
 from antumbra.query.ray_list import HitFilter, rays_of
 from antumbra.query.shadow_query import new_bits
@@ -121,3 +123,27 @@ def test_pictures_of_instances_have_their_shadows_from_the_device(plan):
     frames = [at.render(scene, camera, LIGHT, spp=4, plan=each) for scene, each in plans]
     np.testing.assert_array_equal(frames[0].bits[0], frames[1].bits[0])
     assert frames[0].plan == plan and "_flat" not in vars(inside.data) and frames[1].bits[0].any()
+
+
+def test_shafts_on_devices_need_flattened_copies():
+    plan, points = "bsah+multifrusta+device:host:0", np.random.default_rng(6).uniform(-9, 9, (40, 3))
+    inside, flat = whole_scenes(2)
+    bits = [at.visibility(scene, points, LIGHT, spp=16, plan=each).bits for scene, each in
+            ((inside, plan), (flat, "bsah+single"))]  # fmt: skip
+    np.testing.assert_array_equal(*bits)
+    assert bits[0].any() and "_flat" in vars(inside.data) and not traces_instances(parse_plan(plan))
+
+
+class OnCard:
+    """As tensors of PyTorch on a card."""
+
+    __cuda_array_interface__ = None
+
+    def __array__(self, *arguments, **options):
+        raise TypeError
+
+
+def test_arrays_on_cards_are_refused_with_the_cure():
+    message = "^origins: the array is on a card, from which this plan or scene takes none; copy it to the host$"
+    with pytest.raises(at.InputError, match=message):
+        Engine(whole_scenes(2)[0], "bsah+device:host").occluded(OnCard(), np.ones((3, 3)))

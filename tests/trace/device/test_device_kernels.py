@@ -6,9 +6,14 @@ import subprocess
 
 import pytest
 
-from antumbra.techniques.culling import device_culling  # noqa: F401, it adds kernels
-from antumbra.trace.device.device_kernels import KERNELS
+from antumbra.techniques.culling.device_culling import CULL_KERNELS
+from antumbra.techniques.culling.device_sources import SOURCE_KERNELS
+from antumbra.trace.device.build_kernels import BUILD_KERNELS
+from antumbra.trace.device.cutout_kernels import CUTOUT_KERNELS
+from antumbra.trace.device.device_kernels import KERNELS, add_kernels
 from antumbra.trace.device.device_launches import DeviceLaunches
+from antumbra.trace.device.instance_kernels import INSTANCE_KERNELS
+from antumbra.trace.device.ploc_kernels import PLOC_KERNELS
 from devices import opened
 
 MOST_REGISTERS = {"trace_any": 64, "trace_samples": 72, "trace_nearest": 96, "trace_shafts": 96}
@@ -17,6 +22,17 @@ MOST_REGISTERS = {"trace_any": 64, "trace_samples": 72, "trace_nearest": 96, "tr
 
 def test_every_kernel_is_in_the_list_once():
     assert len({(each.kernel, each.key) for each in KERNELS.values()}) == len(KERNELS)
+
+
+@pytest.mark.parametrize(
+    "kernels", [BUILD_KERNELS, PLOC_KERNELS, CUTOUT_KERNELS, INSTANCE_KERNELS, CULL_KERNELS, SOURCE_KERNELS]
+)
+def test_no_kernel_takes_the_name_of_another_one(kernels):
+    assert kernels.items() <= KERNELS.items()
+    name = min(kernels)
+    with pytest.raises(ValueError, match=f"^other kernels of devices are named {name}$"):
+        add_kernels({name: KERNELS["mark_rays"]})
+    assert KERNELS[name] is kernels[name]
 
 
 def test_launches_reuse_memory_that_is_large_enough():

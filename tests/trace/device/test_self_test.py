@@ -92,7 +92,7 @@ def test_altered_instructions_are_seen(monkeypatch):
 
 
 def test_an_altered_texel_or_copy_is_seen(monkeypatch):
-    assert any(seen(["sum_depths_of_samples", "write_shares", "find_nearest", "nearest_in_copies"], 3, monkeypatch))
+    assert any(seen(["sum_depths_of_samples", "write_shares", "nearest_cutouts", "nearest_in_copies"], 3, monkeypatch))
 
 
 def test_an_altered_build_is_seen(monkeypatch):

@@ -1,8 +1,8 @@
 """Scenes of instances: rays traverse the trees of meshes, and the triangles of copies are placed where rays meet them.
 
-The plan ``wide`` traces instances, with any builder and optimiser. So do devices if the CPU builds the trees; all hits,
-and what a camera sees, are found on the CPU then. Other plans need all triangles at once, so an engine with such a plan
-flattens the scene.
+The plan ``wide`` traces instances, with any builder and optimiser. So do devices, ray by ray, if the CPU builds the
+trees; all hits, and what a camera sees, are found on the CPU then. Other plans need all triangles at once, so an engine
+with such a plan flattens the scene.
 """
 
 import threading
@@ -41,7 +41,7 @@ from ...trace.rays.instance_batches import trace_list
 from ...trace.rays.instance_rays import InstanceForest, count_all, find_all
 from ...trace.rays.ray_hits import hit_surfaces
 from ..accelerator import Accelerated, Accelerator, SceneTrees
-from ..device_tracers import OnDevice, device_tracer
+from ..device_tracers import OnDevice, device_tracer, traces_single_rays
 from ..plan import Plan
 from ..precompilation import precompile
 from ..primary_visibility import RAYS
@@ -60,7 +60,7 @@ def traces_instances(plan: Plan) -> bool:
     """Whether a plan traces instances without flattening them."""
     if plan.cull or plan.update or plan.wants_rays:
         return False
-    return plan.trace == "wide" or (plan.device is not None and plan.build not in plan.tracer.builders)
+    return plan.trace == "wide" or (traces_single_rays(plan.trace) and plan.build not in plan.tracer.builders)
 
 
 class SharedInstances:

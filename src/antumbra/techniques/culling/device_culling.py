@@ -26,7 +26,7 @@ from ...query.shadow_query import ShadowQuery
 from ...scene.lights import DirectionalLight, Light, QuadLight
 from ...scene.triangles import Triangles
 from ...trace.device.build_kernels import Source, face_of
-from ...trace.device.device_kernels import KERNELS
+from ...trace.device.device_kernels import add_kernels
 from ...trace.device.device_launches import DeviceLaunches
 from ...trace.device.device_receivers import DeviceReceivers
 from ...trace.device.device_tracer import BUILDERS, DeviceTracer
@@ -210,8 +210,8 @@ CULL_KERNELS = {
 }
 """Name -> kernel."""
 
-KERNELS.update(CULL_KERNELS)
-KERNELS.update(SOURCE_KERNELS)
+add_kernels(CULL_KERNELS)
+add_kernels(SOURCE_KERNELS)
 
 
 # --- Launches ---------------------------------------------------------------------------------------------------------

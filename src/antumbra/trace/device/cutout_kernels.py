@@ -5,7 +5,7 @@ in float64 at once, and so is the texel, by the CPU's expression. A ray for whic
 order of two hits undecided becomes a record (`device_kernels`), and the CPU traces it through the cut-outs.
 
 - `block_rays`: any hit of a ray list, of texels that closest hits meet
-- `find_nearest`: hits of a ray list that precede those on solid triangles
+- `nearest_cutouts`: hits of a ray list that precede those on solid triangles
 - `sum_depths_of_samples`: the depths along shadow segments; which ones are dark, or meet a cut-out
 - `write_shares`: the transmittances of samples
 """
@@ -24,11 +24,11 @@ from ..alpha_cutouts import TexelPointers, texel_place
 from ..transmission import power_of
 from .device_kernels import (
     HITS,
-    KERNELS,
     RAYS,
     SAMPLES,
     TREE,
     WORK,
+    add_kernels,
     add_record,
     copy_corners,
     exact_t,
@@ -248,7 +248,7 @@ def sum_depths_of_samples(cutouts, rays, work, part):  # cutouts: CutoutBuffers,
 
 
 @kernel
-def find_nearest(solid, cutouts, rays, work, hits, part):  # solid: TreeBuffers, cutouts: CutoutBuffers, work: Work
+def nearest_cutouts(solid, cutouts, rays, work, hits, part):  # solid: TreeBuffers, cutouts: CutoutBuffers, work: Work
     """Find the cut-outs that a part of the rays hit before `Work.out`, solid triangles whose hits have numbers."""
     k, corners, limit = thread_index(), stack_f32(9), stack_f32(1)
     best, best_corners, f = stack_i32(2), stack_f32(9), np.float32
@@ -305,7 +305,7 @@ _PART = CutoutWork(0, 0)
 CUTOUT_KERNELS = {
     "block_rays": DeviceKernel(block_rays, (_CUTOUTS, RAYS, WORK, _PART)),
     "sum_depths_of_samples": DeviceKernel(sum_depths_of_samples, (_CUTOUTS, SAMPLES, WORK, _PART)),
-    "find_nearest": DeviceKernel(find_nearest, (TREE, _CUTOUTS, RAYS, WORK, HITS, _PART)),
+    "nearest_cutouts": DeviceKernel(nearest_cutouts, (TREE, _CUTOUTS, RAYS, WORK, HITS, _PART)),
     "write_shares": DeviceKernel(write_shares, (ShareBuffers(0, 0, 0, 0, 0, 0, 0, 0, 0),)),
 }
-KERNELS.update(CUTOUT_KERNELS)
+add_kernels(CUTOUT_KERNELS)

@@ -179,7 +179,7 @@ class DeviceCutouts:
         def arguments(first: int, n: int) -> tuple[Any, ...]:
             return solid.buffers, buffers, rays, work, hits, CutoutWork(first, n, found)
 
-        for records in self.launches.left_over("find_nearest", arguments, work):
+        for records in self.launches.left_over("nearest_cutouts", arguments, work):
             self.on_cpu += len(records)
             slots = first_cutouts(records, cutouts, solid.bvh, work.cull_faces, threads)
             self.launches.mark(found, heads_of(records)[:, RAY], slots)

@@ -168,7 +168,7 @@ class ForestTracer:
         progress: ProgressCallback | None = None,
     ) -> None:
         """Set bit s of ``bits[y, x]`` where sample s of a `ShadowQuery` is occluded."""
-        spp, words = query.samples.shape[1], bits.reshape(query.sides.size, -1)
+        spp, words = query.samples.shape[1], bits.reshape(-1, bits.shape[-1])
         with self.lock:
             for chunk, rows in self._tracer.parts(query, max(CHUNK // spp, 1), threads):
                 self._block(forest, chunk, "block_samples_by_copies", threads)

@@ -12,6 +12,7 @@ Stages of a query:
 A record is RECORD float64 words: (ray, slot) and (best slot, 0) as pairs of int32, and the 12 numbers of a `Ray`.
 """
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -452,7 +453,16 @@ KERNELS = {
     "frame_points": DeviceKernel(frame_points, (PointBuffer(0, 0, 0, _ZERO, 0, 0.0), 0, 0, 0)),
     "gather_points": DeviceKernel(gather_points, (0, 0, 0, 0)),
     "refit_nodes": DeviceKernel(refit_nodes, (TREE, 0, 0, 0)),
-    **BUILD_KERNELS,
-    **PLOC_KERNELS,
 }
-"""Name -> kernel. `techniques.culling.device_culling` adds to it."""
+"""Name -> kernel. Modules with other kernels add them."""
+
+
+def add_kernels(kernels: Mapping[str, DeviceKernel]) -> None:
+    """Add kernels to `KERNELS`, by which they are launched. ValueError if a name is taken."""
+    if taken := KERNELS.keys() & kernels.keys():
+        raise ValueError(f"other kernels of devices are named {', '.join(sorted(taken))}")
+    KERNELS.update(kernels)
+
+
+add_kernels(BUILD_KERNELS)
+add_kernels(PLOC_KERNELS)

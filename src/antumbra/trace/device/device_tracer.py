@@ -254,7 +254,7 @@ class DeviceTracer:
         bits : (h, w, ceil(spp / 64)) uint64
         shafts : whether shafts trace the query, if they suit it, instead of single rays
         """
-        spp, words = query.samples.shape[1], bits.reshape(query.sides.size, -1)
+        spp, words = query.samples.shape[1], bits.reshape(-1, bits.shape[-1])
         shafts = shafts and suits_shafts(tree.reach, query)
         at_once = whole_squares(max(CHUNK // spp, 1), query) if shafts else max(CHUNK // spp, 1)
         with self.lock:
@@ -266,7 +266,7 @@ class DeviceTracer:
 
     def add_shadows(self, cutouts: CutoutTree, query: ShadowQuery, bits: NDArray[np.uint64], threads: int) -> None:
         """Set bit s of ``bits[y, x]`` where cut-outs block the light of sample s, as `alpha_cutouts.add_shadows`."""
-        spp, words = query.samples.shape[1], bits.reshape(query.sides.size, -1)
+        spp, words = query.samples.shape[1], bits.reshape(-1, bits.shape[-1])
         with self.lock:
             for chunk, rows in self.parts(query, max(CHUNK // spp, 1), threads):
                 self.cutouts.sum_depths(cutouts, _samples_of(chunk), chunk.work, words[rows], False, threads)
@@ -284,7 +284,7 @@ class DeviceTracer:
         receivers : (k,) int64, ascending
         values : (k, spp, channels) float32
         """
-        spp, words = query.samples.shape[1], bits.reshape(query.sides.size, -1)
+        spp, words = query.samples.shape[1], bits.reshape(-1, bits.shape[-1])
         receivers, values = [np.empty(0, np.intp)], [np.empty((0, spp, cutouts.channels), np.float32)]
         with self.lock:
             for chunk, rows in self.parts(query, max(_SUMS_AT_ONCE // spp, 1), threads):

@@ -55,7 +55,7 @@ from ..rays.instance_traversal import (
     slab,
     slab_margins,
 )
-from .device_kernels import HITS, KERNELS, RAYS, SAMPLES, TREE, WORK, add_record, exact_t, hit_order, side_of_hit
+from .device_kernels import HITS, RAYS, SAMPLES, TREE, WORK, add_kernels, add_record, exact_t, hit_order, side_of_hit
 from .device_rays import BLOCKED, CLEAR, TRACED, ray_at
 from .device_traversal import GO_ON, UNDECIDED, Slabs, TreeBuffers, axis_between, entries, filter_triangle, slabs_of
 
@@ -329,4 +329,4 @@ INSTANCE_KERNELS = {
     "block_samples_by_copies": DeviceKernel(block_by_copies, (_FOREST, SAMPLES, WORK, _PART)),
     "nearest_in_copies": DeviceKernel(nearest_in_copies, (_FOREST, RAYS, WORK, HITS, _PART)),
 }
-KERNELS.update(INSTANCE_KERNELS)
+add_kernels(INSTANCE_KERNELS)

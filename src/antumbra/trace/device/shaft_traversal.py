@@ -137,7 +137,7 @@ def _test_leaf(tree, segments, shaft, link, open_):
     for slot in range(leaf.first, leaf.first + leaf.count):
         if open_ == 0:
             break
-        triangle, prim = filter_triangle(tree, slot)
+        triangle, prim = filter_triangle(tree.triangles, slot)
         v = cull_triangle(shaft, triangle, segments.work.cull_faces)
         if v.cover != 0:
             open_ = _block(segments, prim, open_)
