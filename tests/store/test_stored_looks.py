@@ -127,7 +127,7 @@ def test_a_mesh_read_in_ranges_differs_at_their_borders_only(file, whole, tmp_pa
     store = at.load(tmp_path / "a.antumbra")
     assert_same_pictures(whole[0], store, [{"smooth_normals": False, "materials": "diffuse"}])
     found, expected = store.data.stored_looks.of(np.arange(whole[0].n_triangles)), whole[0].appearance
-    for name in ("uv", "colours", "normals", "textured", "mapped", "hands"):
+    for name in ("uv", "second_uv", "colours", "normals", "textured", "mapped", "hands"):
         assert np.array_equal(getattr(found, name), getattr(expected, name)), name
     assert 0.0 < (found.bends != expected.bends).any(1).mean() < 0.9
 
@@ -139,6 +139,16 @@ def test_images_are_stored_once_and_as_they_were(built):
     for offset, size in section.images.values():
         image = data[section.offset + offset :][:size]
         assert image.startswith(b"\x89PNG") and image in built.with_name("a.glb").read_bytes()
+
+
+def test_bare_pictures_are_those_of_the_file(cli, file, tmp_path):
+    for name in ("s.antumbra", "s.tiles"):
+        assert cli("build", file.name, "-o", name, "-q").code == 0
+    for size in ("64x48", "30x70"):
+        for k, name in enumerate((file.name, "s.antumbra", "s.tiles")):
+            assert cli("render", name, "-o", f"{k}.png", "--size", size, "--ground", "off", "-q").code == 0
+        whole, store, tiles = ((tmp_path / f"{k}.png").read_bytes() for k in range(3))
+        assert whole == store == tiles
 
 
 def test_a_scene_of_plain_colours_has_no_looks(tmp_path):
