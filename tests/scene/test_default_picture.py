@@ -1,11 +1,14 @@
 """The sun of default pictures: low over what is flat, so that its relief shows; bakes and pages have the same one."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
 import antumbra as at
 from antumbra.baking.bake_input import default_bake_lights
-from antumbra.scene.default_picture import view_of_bounds
+from antumbra.scene.default_picture import KINDS, DefaultView, framed_points, view_of_bounds
+from antumbra.scene.scene_bounds import corners_within, detail_box
 
 
 def elevation_of(sun, up):
@@ -53,3 +56,34 @@ def test_a_store_has_the_sun_of_its_scene_in_memory(tmp_path):
     at.build_store(scene, tmp_path / "tower.antumbra")
     stored = at.load(tmp_path / "tower.antumbra").default_lights()[0]
     assert np.array_equal(stored.direction, scene.default_lights()[0].direction)
+
+
+def grid(n):
+    x, z = np.meshgrid(np.arange(n), np.arange(n))
+    corners = np.stack([x, 0 * x, z], -1).reshape(-1, 1, 3)
+    return corners + np.array([[0, 0, 0], [0, 0, 1], [1, 0, 0]])
+
+
+FACES = {
+    "a triangle": np.array([[[0, 0, 0], [1, 2, 0], [3, 0, 1]]]),
+    "a point": np.ones((1, 3, 3)),
+    "a floor": grid(40),
+    "a tower on a floor": np.concatenate([grid(40), 20 + (grid(20) - 10) @ [[1, 0, 0], [0, 0, 1], [0, 1, 0]]]),
+    "noise": np.random.default_rng(0).normal(0, 1, (3000, 3, 3)),
+    "a distant city": at.procedural("city", triangles=4000).data.sampled_faces() + (1e5, 50, -3e6),
+}
+
+
+@pytest.mark.parametrize("up", "yz")
+@pytest.mark.parametrize("faces", FACES.values(), ids=FACES)
+def test_few_points_have_the_cameras_of_all(faces, up):
+    faces = np.asarray(faces, np.float64)
+    points, bounds = corners_within(faces, detail_box(faces)), np.stack([faces.min((0, 1)), faces.max((0, 1))])
+    few = framed_points(faces, up)
+    assert len(few) <= min(len(points), 300)
+    both = [DefaultView(each, up, None, bounds) for each in (few, points)]
+    for kind in KINDS:
+        for size in ((1, 1), (1024, 1024), (1920, 1080), (90, 1200), (4000, 31)):
+            one, other = ((v.camera if kind == "perspective" else partial(v.other_camera, kind))(*size) for v in both)
+            for name in ("position", "target", "up", "vfov", "extent"):
+                assert np.array_equal(getattr(one, name), getattr(other, name)), (kind, size)

@@ -1,6 +1,7 @@
 """Pictures of a store show the textures, normals and materials of the scene in memory, however it was built."""
 
 import zlib
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,8 +12,10 @@ from antumbra.engine.sources.paged_source import Paged
 from antumbra.engine.sources.source_protocols import FrameMemory
 from antumbra.formats import obj_stream
 from antumbra.formats.gltf import gltf_file
+from antumbra.scene.face_looks import StreamedLooks
 from antumbra.store import store_build, stored_looks
 from antumbra.store.store_build import PieceSizes
+from antumbra.store.system_resources import TRIANGLE_BYTES
 from forged_stores import ForgedStore
 from looks_scenes import CAMERA, FILES, LIGHTS, scene_with_pixels
 from stores import with_small_chunks
@@ -104,6 +107,7 @@ def test_streamed_files_are_the_store_of_the_scene_in_memory(file, whole, tmp_pa
         monkeypatch.setattr(store_build, "USUAL_SIZES", sizes)
         at.build_store(file, tmp_path / "a.antumbra", chunk=16)
         assert (tmp_path / "a.antumbra").read_bytes() == whole[1]
+    assert not any("ranges of faces" in note for note in at.load(tmp_path / "a.antumbra").notes)
 
 
 def test_shards_write_the_same_bytes_and_tiles_show_the_same_pictures(cli, file, whole, tmp_path, monkeypatch):
@@ -125,11 +129,25 @@ def test_a_mesh_read_in_ranges_differs_at_their_borders_only(file, whole, tmp_pa
     monkeypatch.setattr(obj_stream, "FACES_PER_PIECE", 100)
     at.build_store(file, tmp_path / "a.antumbra", chunk=16)
     store = at.load(tmp_path / "a.antumbra")
+    borders = "was read in ranges of faces, at whose borders smooth shading may differ slightly"
+    assert any(note.startswith(f"{file.name}: {borders}") for note in store.notes)
     assert_same_pictures(whole[0], store, [{"smooth_normals": False, "materials": "diffuse"}])
     found, expected = store.data.stored_looks.of(np.arange(whole[0].n_triangles)), whole[0].appearance
-    for name in ("uv", "colours", "normals", "textured", "mapped", "hands"):
+    for name in ("uv", "second_uv", "colours", "normals", "textured", "mapped", "hands"):
         assert np.array_equal(getattr(found, name), getattr(expected, name)), name
     assert 0.0 < (found.bends != expected.bends).any(1).mean() < 0.9
+
+
+def test_space_for_looks_is_asked_for_before_it_is_taken(file, tmp_path, monkeypatch):
+    scene = at.load(file)
+    bare = TRIANGLE_BYTES * scene.n_triangles
+    for given, looks in ((file, StreamedLooks(scene.data.looks().attributes)), (scene, scene.data.looks())):
+        need = bare + 2 * looks.face_bytes * scene.n_triangles
+        monkeypatch.setattr("shutil.disk_usage", lambda _, free=need - 1: SimpleNamespace(free=free))
+        with pytest.raises(at.InputError, match=r"a.antumbra: .* triangles take about .* while they are built"):
+            at.build_store(given, tmp_path / "a.antumbra")
+        monkeypatch.setattr("shutil.disk_usage", lambda _, free=need: SimpleNamespace(free=free))
+        at.build_store(given, tmp_path / "a.antumbra")
 
 
 def test_images_are_stored_once_and_as_they_were(built):
@@ -139,6 +157,16 @@ def test_images_are_stored_once_and_as_they_were(built):
     for offset, size in section.images.values():
         image = data[section.offset + offset :][:size]
         assert image.startswith(b"\x89PNG") and image in built.with_name("a.glb").read_bytes()
+
+
+def test_bare_pictures_are_those_of_the_file(cli, file, tmp_path):
+    for name in ("s.antumbra", "s.tiles"):
+        assert cli("build", file.name, "-o", name, "-q").code == 0
+    for size in ("64x48", "30x70"):
+        for k, name in enumerate((file.name, "s.antumbra", "s.tiles")):
+            assert cli("render", name, "-o", f"{k}.png", "--size", size, "--ground", "off", "-q").code == 0
+        whole, store, tiles = ((tmp_path / f"{k}.png").read_bytes() for k in range(3))
+        assert whole == store == tiles
 
 
 def test_a_scene_of_plain_colours_has_no_looks(tmp_path):

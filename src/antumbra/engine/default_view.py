@@ -388,11 +388,14 @@ def _free_distance(panorama: _Panorama, direction: np.ndarray) -> float:
 def view_of(data: SceneData) -> DefaultView:
     """The geometry that a default view of a scene shows.
 
-    A scene in a store is shown by its bounds. Instances are shown from outside.
+    Scenes in stores, and instances, are shown from outside.
     """
     faces = data.sampled_faces()
     if faces is None:
-        return view_of_bounds(data.bounds, data.up)
+        points = data.framed_points
+        return (
+            view_of_bounds(data.bounds, data.up) if points is None else DefaultView(points, data.up, None, data.bounds)
+        )
     box = detail_box(faces)
     view = DefaultView(corners_within(faces, box), data.up, None, data.bounds)
     if data.instanced:

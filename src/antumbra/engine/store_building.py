@@ -47,7 +47,7 @@ def build_store(
     path : str or path-like
         A file ``*.antumbra``, for at most 2^31 - 1 triangles; or ``*.tiles``, a list of the stores ``*-0000.antumbra``
         and so on beside it, for any number. Each is written atomically, the list last. During the build, a hidden
-        temporary folder beside them takes at most 100 bytes per triangle.
+        temporary folder beside them takes at most 100 bytes per triangle, and 376 of looks.
     max_memory : int
         Limit in bytes on the memory of the process at any time, at least 384 MiB, not counting the scenes themselves.
     threads : int, optional

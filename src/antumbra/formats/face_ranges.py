@@ -146,7 +146,8 @@ class RangedMesh:
     def piece_of(self, faces: NDArray[np.int64]) -> Piece:
         """The piece of some faces, whose numbers ascend."""
         mesh = self._faces.mesh(faces)
-        return Piece(mesh.positions[None], mesh.faces, mesh.colour, self._where, look=mesh.look)
+        is_range = len(faces) < self._faces.n_faces
+        return Piece(mesh.positions[None], mesh.faces, mesh.colour, self._where, look=mesh.look, is_range=is_range)
 
     def cameras(self, time: float) -> list[Any]:
         return []

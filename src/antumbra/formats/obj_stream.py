@@ -123,7 +123,10 @@ class ObjStream:
             for numbers in group.ranges():
                 corners = self._corners[numbers].astype(np.int64)
                 mesh = self._attributes.mesh(name, corners, material, used)
-                yield Piece(mesh.positions[None], mesh.faces, mesh.colour, where, first=k, look=mesh.look)
+                is_range = len(numbers) < group.n
+                yield Piece(
+                    mesh.positions[None], mesh.faces, mesh.colour, where, first=k, look=mesh.look, is_range=is_range
+                )
 
     def cameras(self, time: float) -> list[Any]:
         return []

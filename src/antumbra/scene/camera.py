@@ -278,7 +278,7 @@ def fitted_camera(points: np.ndarray, up: str, width: int, height: int) -> Camer
 
     Points in a flat box are viewed from higher up.
     """
-    sideways, upwards, back = _frame(points, up)
+    sideways, upwards, back = fitted_axes(points, up)
     middle = (points.min(0) + points.max(0)) / 2.0
     x, y, z = product(points - middle, np.stack([sideways, upwards, back], 1)).T
     tangent = tan(np.radians(VFOV) / 2.0) / _MARGIN
@@ -298,7 +298,7 @@ def orthographic_camera(
     points up. Its rays start `gap` picture heights in front of the nearest point.
     """
     right, upward, towards = axes(up)
-    sideways, upwards, back = (right, -towards, upward) if from_above else _frame(points, up)
+    sideways, upwards, back = (right, -towards, upward) if from_above else fitted_axes(points, up)
     middle = (points.min(0) + points.max(0)) / 2.0
     x, y, z = product(points - middle, np.stack([sideways, upwards, back], 1)).T
     extent = _MARGIN * max(np.ptp(y), np.ptp(x) * height / width, 1e-6 * max(float(np.abs(middle).max()), 1.0))
@@ -307,7 +307,7 @@ def orthographic_camera(
     return Camera(position, target, upwards, width=width, height=height, projection="orthographic", extent=extent)
 
 
-def _frame(points: np.ndarray, up: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def fitted_axes(points: np.ndarray, up: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The right, up and backward unit vectors of a fitted camera."""
     right, upward, towards = axes(up)
     level = sin(AZIMUTH) * right + cos(AZIMUTH) * towards

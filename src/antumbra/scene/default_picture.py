@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..kernels.elementary import atan, cos, sin, tan
-from ..kernels.small_matrices import dot, length
-from .camera import AZIMUTH, Camera, axes, fitted_camera, orthographic_camera
+from ..kernels.small_matrices import dot, length, product
+from .camera import AZIMUTH, Camera, axes, fitted_axes, fitted_camera, orthographic_camera
 from .lights import DirectionalLight, Light, SphereLight
-from .scene_bounds import corners_of
+from .scene_bounds import corners_of, corners_within, detail_box
 from .sky import Sky
 
 # --- Rooms: halls, patios, streets under a sky dome -------------------------------------------------------------------
@@ -113,6 +113,34 @@ class DefaultView(NamedTuple):
 def view_of_bounds(bounds: np.ndarray, up: str) -> DefaultView:
     """The default view of a scene from its bounds alone."""
     return DefaultView(corners_of(bounds), up, None, bounds)
+
+
+def framed_points(faces: NDArray[np.float64], up: str) -> NDArray[np.float64]:
+    """(k, 3) float64, world: the few corners of a sample of faces, (m, 3, 3), on which cameras from outside depend.
+
+    A camera of any size that fits them is the one that fits `corners_within` the detail box of the sample.
+    """
+    points = np.unique(corners_within(faces, detail_box(faces)), axis=0)
+    chosen = [points.argmin(0), points.argmax(0)]
+    x, y, z = product(points - (points.min(0) + points.max(0)) / 2.0, np.stack(fitted_axes(points, up), 1)).T
+    chosen += [_convex_hull(across, z) for across in (x, y)]
+    return np.asarray(points[np.unique(np.concatenate(chosen))])
+
+
+def _convex_hull(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.intp]:
+    """(h,): the numbers of points in the plane at the corners of their convex hull."""
+    order = np.lexsort((y, x))
+    left, right = order[0], order[-1]
+    found, waiting = [left, right], [(left, right, order), (right, left, order)]
+    while waiting:
+        a, b, points = waiting.pop()
+        beyond = (x[b] - x[a]) * (y[points] - y[a]) - (y[b] - y[a]) * (x[points] - x[a])
+        points, beyond = points[beyond > 0.0], beyond[beyond > 0.0]
+        if len(points):
+            farthest = points[np.argmax(beyond)]
+            found.append(farthest)
+            waiting += [(a, farthest, points), (farthest, b, points)]
+    return np.array(found)
 
 
 def missing_skies(lights: list[Light], up: str) -> list[Light]:

@@ -1,13 +1,14 @@
 """The looks of faces in their order, piece by piece, for stores: materials, and attributes of corners."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Collection
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .appearance import Appearance, appearance_of_piece
-from .materials import Material
+from .materials import Material, MeshAppearance, pbr_of
 from .mesh import Piece
 from .scene_bounds import faces_of
 
@@ -27,6 +28,13 @@ LOOK_WIDTHS = {
     "second_uv": LookWidth(6, 0.0),
 }
 """The attributes of `FaceLooks`."""
+
+
+def attributes_of(look: MeshAppearance) -> set[str]:
+    """The attributes that faces with this look have."""
+    found = {name for name in LOOK_WIDTHS if getattr(look, name) is not None} - {"tangents"}
+    bumpy = look.uv is not None and any(pbr_of(each).normal_map is not None for each in look.materials)
+    return found | ({"tangents"} if bumpy else set())
 
 
 class FaceLooks(NamedTuple):
@@ -73,7 +81,17 @@ def looks_of(appearance: Appearance) -> FaceLooks:
 
 
 class LookFinder(ABC):
-    """Finds the looks of pieces, which are given in order."""
+    """Finds the looks of pieces, which are given in order.
+
+    attributes : of faces, as far as they are known before
+    """
+
+    attributes: Collection[str]
+
+    @property
+    def face_bytes(self) -> int:
+        """Bytes of the looks of a face, at most."""
+        return 4 * (1 + sum(LOOK_WIDTHS[name].n for name in self.attributes))
 
     @abstractmethod
     def of(self, piece: Piece) -> tuple[FaceLooks, list[Material]]:
@@ -85,6 +103,7 @@ class FoundLooks(LookFinder):
 
     def __init__(self, appearance: Appearance):
         self._looks, self._materials, self._first = looks_of(appearance), appearance.materials, 0
+        self.attributes = [name for name in LOOK_WIDTHS if getattr(self._looks, name) is not None]
 
     def of(self, piece: Piece) -> tuple[FaceLooks, list[Material]]:
         first, self._first = self._first, self._first + len(piece.vertices) * faces_of(piece)
@@ -97,6 +116,9 @@ class StreamedLooks(LookFinder):
     Where a mesh is read in several pieces, a vertex at their borders lacks the faces of the others, on which the
     tangents of a file without tangents and `Appearance.bends` depend.
     """
+
+    def __init__(self, attributes: Collection[str] = ()):
+        self.attributes = attributes
 
     def of(self, piece: Piece) -> tuple[FaceLooks, list[Material]]:
         appearance = appearance_of_piece(piece)

@@ -179,6 +179,7 @@ class Piece(NamedTuple):
     look: MeshAppearance | None = None  # of the mesh
     linear: NDArray[np.float64] | None = None  # (k, 3, 3) float64: object-to-world, for the look's normals; None: 1
     used: NDArray[np.bool_] | None = None  # (v0,) bool: as in `Mesh`
+    is_range: bool = False  # whether other pieces may have faces at the same vertices
 
 
 class Source(Protocol):

@@ -183,10 +183,13 @@ def sampled_faces(source: Source, n_triangles: int, time: float = 0.0) -> NDArra
 
 
 class FaceSample:
-    """The faces of `sampled_faces`, from pieces that are added in order."""
+    """The faces of `sampled_faces`, from pieces that are added in order.
 
-    def __init__(self, n_triangles: int):
-        self._step, self._first = max(-(-n_triangles // MAX_SAMPLED_FACES), 1), 0
+    first : number of the first face that is added
+    """
+
+    def __init__(self, n_triangles: int, first: int = 0):
+        self._step, self._first = max(-(-n_triangles // MAX_SAMPLED_FACES), 1), first
         self._found = [np.empty((0, 3, 3))]
 
     def add(self, piece: Piece) -> None:

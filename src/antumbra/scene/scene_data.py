@@ -250,6 +250,11 @@ class SceneData(ABC):
         """(m, 3, 3) float64, world: some of the faces at a time; None for a store. No time: at several times."""
         return None
 
+    @property
+    def framed_points(self) -> NDArray[np.float64] | None:
+        """`default_picture.framed_points`, as recorded in a store; None: see `sampled_faces`."""
+        return None
+
     def every(self, step: int, time: float, threads: int | None = None) -> NDArray[np.float32]:
         """(m, 3, 3) float32, recentred: the corners of every step-th face at a time."""
         return self.triangles(time, threads).vertices[::step]

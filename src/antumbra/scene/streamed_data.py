@@ -7,12 +7,17 @@ from numpy.typing import NDArray
 
 from ..base.errors import one_line
 from .camera import Camera
-from .face_looks import LookFinder, StreamedLooks
+from .face_looks import LookFinder, StreamedLooks, attributes_of
 from .lights import Light
 from .mesh import Source
 from .open_faces import OpenFaceFinder, StreamedOpenFaces
 from .scene_bounds import FaceSample, Survey, frame_origin
 from .scene_data import SceneData
+
+_IN_RANGES = (
+    "was read in ranges of faces, at whose borders smooth shading may differ slightly; "
+    "build_store(antumbra.load(...)) avoids this"
+)
 
 
 class StreamedData(SceneData):
@@ -27,14 +32,20 @@ class StreamedData(SceneData):
         self.name, self.up, self.notes = one_line(name), up, tuple(map(one_line, notes))
         self.source, self.meshes, self.objects = source, source.meshes, source.objects
         self.duration = float(source.duration)
-        survey, self._has_looks = Survey(source.file), False
+        survey, self._has_looks, self._attributes, has_borders = Survey(source.file), False, set[str](), False
         self._open_faces: StreamedOpenFaces | None = StreamedOpenFaces()
         sample = FaceSample(sum(mesh.triangles * mesh.instances for mesh in source.meshes))
         for piece in source.pieces(0.0):
             survey.add(piece)
             sample.add(piece)
             self._open_faces.count(piece)
-            self._has_looks |= piece.look is not None and not piece.look.is_plain
+            if piece.look is not None and not piece.look.is_plain:
+                self._has_looks, attributes = True, attributes_of(piece.look)
+                self._attributes |= attributes
+                lacks_tangents = "tangents" in attributes and piece.look.tangents is None
+                has_borders |= piece.is_range and ("normals" in attributes or lacks_tangents)
+        if has_borders:
+            self.notes = (*self.notes, one_line(f"{source.file}: {_IN_RANGES}"))
         self._n_triangles, self._sample = survey.n_triangles, sample.corners
         self.bounds, self.origin = survey.bounds(), survey.origin()
         self.middle = frame_origin(*self.bounds)
@@ -53,7 +64,7 @@ class StreamedData(SceneData):
         return self._has_looks
 
     def looks(self) -> LookFinder | None:
-        return StreamedLooks() if self._has_looks else None
+        return StreamedLooks(self._attributes) if self._has_looks else None
 
     def open_faces(self) -> OpenFaceFinder | None:
         return self._open_faces

@@ -55,20 +55,21 @@ def read_unit(
     progress : called with the number of triangles of each piece
     """
     scenes = list[StoreMeta]()
-    masks, unit_looks = list[TexelMask](), UnitLooks()
+    masks, unit_looks, look_bytes = list[TexelMask](), UnitLooks(), 0
     with file.open("wb") as stream:
         staged = StagedPieces(stream, store.name, max_faces)
         for scene in unit.scenes():
             source: Source | None = getattr(scene, "source", None)  # InputError if it is in a store
             if source is None:
                 raise InputError(f"a scene is {type(scene).__name__}; it must be a Scene, as returned by antumbra.load")
-            begins = unit.span in (None, 0)
+            begins, finder, looks = unit.span in (None, 0), scene.open_faces(), scene.looks()
             staged.first_object = _object_count(scenes)
             if begins:
                 n_triangles = staged.survey.n_triangles + scene.n_triangles
                 check_count(store, n_triangles)
-                check_disk_space(folder, store.name, n_triangles, stream.tell())
-            finder, first, looks = scene.open_faces(), len(masks), scene.looks()
+                look_bytes += 0 if looks is None else looks.face_bytes * scene.n_triangles
+                check_disk_space(folder, store.name, n_triangles, stream.tell(), look_bytes)
+            first = len(masks)
             with closing(_pieces(source, unit.span)) as pieces:  # other processes may be generating them
                 for piece in pieces:
                     before = staged.survey.n_triangles

@@ -19,6 +19,10 @@ import numpy as np
 
 from ..base.files import atomic_output, temporary_name, writing
 from ..base.progress import ProgressListener
+from ..scene.default_picture import framed_points
+from ..scene.mesh import Piece
+from ..scene.open_faces import OpenFaces
+from ..scene.scene_bounds import FaceSample
 from .build_stages import LocalStages, Records, Stages
 from .chunk_sorting import (
     LEVEL_BITS,
@@ -178,6 +182,9 @@ class _Build:
         self.stages.drop("sort")
         self._end_phase("build")
 
+        self._framed = framed_points(
+            np.concatenate([sort(k)["sample"] for k in range(len(ranges))]), self._description["up"]
+        )
         with ExitStack() as written:
             stores = list[Store]()
             for t, each in enumerate(self._tiles):
@@ -218,15 +225,16 @@ class _Build:
         tile = self._tiles[unit.tile]
         excluded = Excluded()
         start, origin = int(tile.sizes[: unit.first].sum()), self._scenes.survey.origin()
+        sample = FaceSample(self._scenes.survey.n_triangles, tile.first + start)
         pieces = self._scenes.pieces(tile.begin + unit.first, tile.begin + unit.last)
         size = max(self.sizes.staged, self.sizes.run)
         with file.open("wb") as stream:
             runs = RunWriter(stream)
-            for batch in gather_triangles(pieces, origin, size, self.threads, excluded, start):
+            for batch in gather_triangles(_sampled(pieces, sample), origin, size, self.threads, excluded, start):
                 runs.add(*sorted_by_cell(self._sorting, batch))
                 self._report("sorting", len(batch.ids), self._scenes.survey.n_triangles)
         cutouts = {f"cutouts_{name}": column for name, column in excluded.cutouts._asdict().items()}
-        return runs.record() | {"excluded": excluded.box} | cutouts
+        return runs.record() | {"excluded": excluded.box, "sample": sample.corners} | cutouts
 
     def _keep(self, heights: HeightSection, file: Path) -> Record:
         """Copy the heights of terrain from the file of the unit that has read it, which is removed."""
@@ -273,7 +281,7 @@ class _Build:
             table = writer.table
             meta = self._meta(tile.triangles, np.concatenate([left.boxes(), table["box"].reshape(-1, 2, 3)]))
             if is_part:
-                meta = meta._replace(raster=None, objects=None)  # its cells and objects are those of the whole
+                meta = meta._replace(raster=None, objects=None, framed=None)  # they are of the whole
             elif meta.heights is not None:
                 meta = meta._replace(heights=writer.add_heights(self.stages.file("heights", 0), meta.heights))
             if self._scenes.masks:
@@ -289,7 +297,8 @@ class _Build:
         return StoreMeta(
             n_triangles=n_triangles, bounds=self._scenes.bounds, origin=self._scenes.survey.origin(),
             box=np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)]),
-            built={"chunk": self.chunk, "builder": "bsah", "top": "bsah, reinsert"}, **self._description,
+            built={"chunk": self.chunk, "builder": "bsah", "top": "bsah, reinsert"}, framed=self._framed,
+            **self._description,
         )  # fmt: skip
 
     def _write_manifest(self, stores: list[Store]) -> None:
@@ -314,6 +323,13 @@ class _Build:
         """Record the time of the phase that ends now."""
         now = perf_counter()
         self.seconds[phase], self._lap = now - self._lap, now
+
+
+def _sampled(pieces: Iterator[tuple[Piece, OpenFaces]], sample: FaceSample) -> Iterator[tuple[Piece, OpenFaces]]:
+    """The pieces, which are added to a sample of faces on their way."""
+    for piece, open_faces in pieces:
+        sample.add(piece)
+        yield piece, open_faces
 
 
 class _StagedLooks(NamedTuple):

@@ -145,6 +145,11 @@ def _frame_fault(meta: StoreMeta, boxes: NDArray[np.float32]) -> str:
     limits = flush_to_zero((bounds - origin).astype(np.float32))  # wider than the box if a mesh has unused vertices
     if not (np.isfinite(box).all() and (limits[0] <= box[0]).all() and (box[1] <= limits[1]).all()):
         return "its box is not inside its bounds"
+    if (points := meta.framed) is not None:
+        if points.ndim != 2 or points.shape[1] != 3 or not len(points):
+            return "its framed points have other than three axes"
+        if not ((bounds[0] <= points) & (points <= bounds[1])).all():
+            return "its framed points are not inside its bounds"
     inside = (box[0] <= boxes[:, :3]).all(1) & (boxes[:, 3:] <= box[1]).all(1)
     return "" if inside.all() else f"chunk {int(np.argmin(inside))} lies outside of the scene's box"
 

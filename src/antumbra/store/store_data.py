@@ -66,6 +66,10 @@ class StoreData(SceneData):
     def n_triangles(self) -> int:
         return self.store.n_triangles
 
+    @property
+    def framed_points(self) -> NDArray[np.float64] | None:
+        return self.store.meta.framed
+
     def __getstate__(self) -> dict[str, Any]:
         return without_cached(self)
 

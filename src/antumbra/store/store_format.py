@@ -242,12 +242,13 @@ class StoreMeta(NamedTuple):
     objects: StoredObjects | None = None  # None: all faces are one object
     cutouts: CutoutSection | None = None  # None: all faces are solid
     looks: LookSection | None = None  # None: all faces have plain colours
+    framed: NDArray[np.float64] | None = None  # (k, 3), world: `default_picture.framed_points`; None: see the bounds
 
 
 def meta_to_json(meta: StoreMeta) -> bytes:
     """The metadata as JSON."""
     record = meta._asdict()
-    for name in ("crs", "raster", "unit", "heights", "objects", "cutouts", "looks"):
+    for name in ("crs", "raster", "unit", "heights", "objects", "cutouts", "looks", "framed"):
         if record[name] is None:
             del record[name]
     record["bounds"], record["origin"], record["box"] = (_plain(a) for a in (meta.bounds, meta.origin, meta.box))
@@ -255,6 +256,8 @@ def meta_to_json(meta: StoreMeta) -> bytes:
         record["objects"] = meta.objects._asdict()
     if meta.looks is not None:
         record["looks"] = meta.looks._asdict()
+    if meta.framed is not None:
+        record["framed"] = meta.framed.tolist()
     record["cameras"] = [{name: _plain(getattr(c, name)) for name in _CAMERA} for c in meta.cameras]
     record["lights"] = [_light_fields(light) for light in meta.lights]
     return json.dumps(record).encode()
@@ -282,6 +285,8 @@ def meta_from_json(data: bytes) -> StoreMeta:
         record["cutouts"] = CutoutSection(*record["cutouts"])
     if "looks" in record:
         record["looks"] = LookSection(**record["looks"])
+    if "framed" in record:
+        record["framed"] = np.array(record["framed"], np.float64)
     return StoreMeta(**record)
 
 

@@ -21,19 +21,20 @@ from ..base.errors import InputError
 
 
 TRIANGLE_BYTES = 150
-"""Upper bound on the disk space per triangle of a build: 50 bytes in the store, the rest in parts of it."""
+"""Upper bound on the disk space per triangle of a build without looks: 50 bytes in the store, the rest in its parts."""
 
 
-def check_disk_space(folder: Path, file: str, triangles: int, written: int = 0) -> None:
+def check_disk_space(folder: Path, file: str, triangles: int, written: int = 0, looks: int = 0) -> None:
     """Raise InputError unless the disk of `folder` has enough free space to build a store of `triangles` triangles.
 
     written : bytes of temporary files that are already there
+    looks : bytes of the looks of all triangles, which are read to a file, and encoded in another one before it goes
     """
     try:
         free = shutil.disk_usage(folder).free
     except OSError:  # some file systems do not report it
         return
-    need = TRIANGLE_BYTES * triangles - written
+    need = TRIANGLE_BYTES * triangles + 2 * looks - written
     if need > free:
         raise InputError(
             f"{file}: {triangles:,} triangles take about {need / 1e9:,.1f} GB while they are built, and "

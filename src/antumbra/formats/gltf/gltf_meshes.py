@@ -34,6 +34,7 @@ class Primitive(NamedTuple):
     weights: NDArray[np.float64] | None  # (v, j) float64, summing to 1
     used: NDArray[np.bool_] | None  # (rows,) bool: the accessor rows that became vertices; None: all
     place: int  # index of the primitive in its mesh
+    is_range: bool = False  # whether it has only some of the triangles
 
     @property
     def triangles(self) -> int:
@@ -141,7 +142,8 @@ class PrimitiveReader:
         check_finite(vertices, fields.where, used if mask is None else np.flatnonzero(mask))
         colour, look = _appearance(fields, attributes, accessors, rows, faces, self._materials, vertices)
         mesh = Mesh(self._name, vertices, faces, colour, look)
-        return Primitive(mesh, fields.where, targets, joints, weights, mask, self._place)
+        is_range = chosen is not None and len(chosen) < self.triangles
+        return Primitive(mesh, fields.where, targets, joints, weights, mask, self._place, is_range)
 
 
 def _targets(fields: Fields, accessors: Accessors, rows: _RowsOf) -> np.ndarray | None:

@@ -144,8 +144,10 @@ class GltfSource:
     def pieces(self, time: float) -> Generator[Piece, None, None]:
         for placed in self._placed(time, (each for draw in self._draws for each in draw.read())):
             mesh = placed.primitive.mesh
-            where, first, linear = placed.primitive.where, placed.first, placed.linear
-            yield Piece(placed.vertices, mesh.faces, mesh.colour, where, first=first, look=mesh.look, linear=linear)
+            yield Piece(
+                placed.vertices, mesh.faces, mesh.colour, placed.primitive.where, first=placed.first, look=mesh.look,
+                linear=placed.linear, is_range=placed.primitive.is_range,
+            )  # fmt: skip
 
     @property
     def in_memory(self) -> bool:
