@@ -3,8 +3,8 @@
     python benchmarks/soft_shadows.py --threads 1 --clock cpu --json rows.json
     python benchmarks/peer_chart.py rows.json ... -o docs/images/peers.svg
 
-A bar is the geometric mean of a scene's lights; each library runs in its best mode, which is a median. The chart fits a
-telephone, and its greys suit light and dark pages.
+A bar is the geometric mean over a scene's lights and numbers of threads; each library runs in its best mode, which is a
+median. The chart fits a telephone, and its greys suit light and dark pages.
 """
 
 import argparse
@@ -23,15 +23,16 @@ GREY, ORANGE = "#767c82", "#d9480f"
 
 def ratios(rows: list[dict]) -> dict[str, float]:
     """Scene -> our rays per second over the peer's, best modes."""
-    best: dict[tuple[str, str], dict[str, float]] = {}
+    best: dict[tuple[str, str, int], dict[str, float]] = {}
     for row in rows:
         if row["rounds"]:
-            case = best.setdefault((row["scene"], row["light"]), {})
+            case = best.setdefault((row["scene"], row["light"], row["threads"]), {})
             library = row["family"].partition(" ")[0]
             case[library] = max(case.get(library, 0.0), row["mrays"])
     scenes: dict[str, list[float]] = {}
-    for (scene, _), case in best.items():
-        scenes.setdefault(scene, []).append(case[OURS] / case[PEER])
+    for (scene, _, _), case in best.items():
+        if OURS in case and PEER in case:
+            scenes.setdefault(scene, []).append(case[OURS] / case[PEER])
     return {scene: geometric_mean(each) for scene, each in scenes.items()}
 
 
@@ -67,6 +68,8 @@ def main() -> None:
     options = parser.parse_args()
     files = [json.loads(path.read_text()) for path in options.rows]
     bars = ratios([row for file in files for row in file["rows"]])
+    if not bars:
+        parser.error(f"no scene has rows of both {OURS} and {PEER}; install embreex and measure again")
     options.output.write_text(chart(bars, files[0]["machine"]), encoding="utf-8")
 
 

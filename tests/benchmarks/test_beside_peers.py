@@ -208,6 +208,20 @@ def test_peer_chart(run, tmp_path):
     assert {"forest", "1.5"} <= set(words) and sum(element.tag.endswith("rect") for element in chart.iter()) == 1
 
 
+def row_of(family, mrays, light="small", threads=1):
+    return {
+        "scene": "forest", "light": light, "threads": threads, "rounds": 1, "family": family, "mrays": mrays
+    }  # fmt: skip
+
+
+def test_peer_chart_compares_rows_of_one_number_of_threads_and_needs_both():
+    ratios = importlib.import_module("peer_chart").ratios
+    rows = [row_of("antumbra", 4.0), row_of("Embree", 1.0), row_of("antumbra", 9.0, threads=2)]
+    assert ratios(rows) == {"forest": 4.0}
+    assert ratios([*rows, row_of("Embree packet", 9.0, threads=2)]) == {"forest": 2.0}
+    assert ratios([row_of("antumbra", 3.0)]) == {}
+
+
 def test_view_factors(run):
     sizes = "--divisions", 1, "--samples", 512, "--rounds", 1
     done = run("view_factors", *sizes, without="pyviewfactor,raystrack")

@@ -28,6 +28,7 @@ pytestmark = [
 PLACE = Place(52.0, 4.4, timezone="Europe/Amsterdam")
 DAY = "2026-03-21"
 FIRST = "body[data-samples]"
+PATIENCE = 180_000  # milliseconds, for a loaded machine
 
 
 def options(language="en"):
@@ -44,12 +45,21 @@ def written(tmp_path_factory):
     return scene, folder / "towers.html"
 
 
+@pytest.fixture(autouse=True)
+def closed_afterwards(chromium):
+    """Close the pages of a test, which would go on drawing beside those of the next ones."""
+    yield
+    for context in chromium.contexts:
+        context.close()
+
+
 class Opened:
     """A page in a browser without a network."""
 
     def __init__(self, chromium, path, width=800, height=600, link="", before=""):
         context = chromium.new_context(viewport={"width": width, "height": height})
         context.set_offline(True)
+        context.set_default_timeout(PATIENCE)
         self.page, self.faults, self.requests = context.new_page(), [], []
         self.page.on("pageerror", lambda fault: self.faults.append(str(fault)))
         self.page.on("console", lambda message: self.faults.append(message.text))
@@ -134,7 +144,7 @@ def test_answers_have_the_hours_of_python(chromium, written):
 def painted(opened, kind):
     """Paint hours of sun, and return the words of the command that has the same numbers."""
     opened.page.locator("#show").select_option(kind)
-    opened.page.wait_for_selector("#value[data-state='done']", timeout=60_000)
+    opened.page.wait_for_selector("#value[data-state='done']", timeout=PATIENCE)
     return opened.page.locator("#command").inner_text().split()
 
 
@@ -276,10 +286,10 @@ def test_the_day_plays_once_and_the_first_picture_returns(chromium, written):
     opened = Opened(chromium, written[1], link="?play")
     opened.page.wait_for_selector(FIRST)
     first = str(json.loads(opened.page.locator("#scene").text_content())["minute"])
-    expect(opened.page.locator("#first")).not_to_have_value(first, timeout=20_000)
+    expect(opened.page.locator("#first")).not_to_have_value(first, timeout=PATIENCE)
     assert opened.page.locator("#play").get_attribute("aria-label") == "Stop"
     opened.page.locator("#first").evaluate("slider => { slider.value = '1170' }")  # 19:30, after sunset
-    expect(opened.page.locator("#first")).to_have_value(first, timeout=20_000)
+    expect(opened.page.locator("#first")).to_have_value(first, timeout=PATIENCE)
     assert opened.page.locator("#play").get_attribute("aria-label") == "Play the day"
     assert opened.angles()[0] > 0 and opened.faults == []
 
@@ -328,8 +338,12 @@ def test_a_page_of_a_result_tells_its_numbers_and_lets_them_be_hidden(chromium, 
     assert len(set(found)) > 1
     painted = opened.page.locator("#picture").screenshot()
     opened.page.locator("#painted").uncheck()
-    opened.page.wait_for_timeout(1500)
-    assert opened.page.locator("#picture").screenshot() != painted
+    for _ in range(PATIENCE // 500):
+        opened.page.wait_for_timeout(500)
+        if opened.page.locator("#picture").screenshot() != painted:
+            break
+    else:
+        pytest.fail("the picture still shows the numbers")
     assert opened.page.locator("#result").inner_text().startswith("Hours of direct sun (h)")
     assert opened.faults == []
 
@@ -439,7 +453,7 @@ def test_paint_lies_on_the_side_after_while_the_side_before_is_finished(chromium
     opened.point(0.4, 0.6)
     assert float(opened.page.locator("#value").get_attribute("data-hours")) > 0.0
     assert opened.page.locator("#main").screenshot() != light and box["width"] > 300
-    opened.page.wait_for_function("() => document.getElementById('samples').textContent === ''", timeout=60_000)
+    opened.page.wait_for_function("() => document.getElementById('samples').textContent === ''", timeout=PATIENCE)
     assert opened.faults == []
 
 
@@ -592,7 +606,7 @@ def test_a_visitor_walks_and_returns(chromium, written):
     opened.page.keyboard.down("w")
     opened.page.wait_for_timeout(700)
     opened.page.keyboard.up("w")
-    opened.page.wait_for_selector("body[data-samples='64']", timeout=90_000)
+    opened.page.wait_for_selector("body[data-samples='64']", timeout=PATIENCE)
     assert opened.page.locator("#picture").screenshot() != before
     opened.page.keyboard.press("Escape")
     assert opened.page.locator("#walk").get_attribute("aria-pressed") == "false"
@@ -608,7 +622,7 @@ def test_a_room_has_no_controls_of_the_sun_and_its_textures_are_shown(chromium, 
     camera = at.Camera((0.0, -0.1, 4.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), vfov=60.0)
     write_page(scene, tmp_path / "room.html", options()._replace(place=None), camera)
     opened = Opened(chromium, tmp_path / "room.html", 400, 500)
-    opened.page.wait_for_selector("body[data-samples='64']", timeout=90_000)
+    opened.page.wait_for_selector("body[data-samples='64']", timeout=PATIENCE)
     assert opened.page.locator("input:visible").count() == 0
     script = (
         "(c => c.getContext('2d').getImageData(c.width / 2, c.height / 2, 1, 1).data)(document.querySelector('canvas'))"
