@@ -38,7 +38,7 @@ def _test_pairs(tree, pairs, facing):
         )  # fmt: skip
         shaft = shaft_of(tree, ends)
         left, right, left_first = enter_boxes(f32_at(tree.nodes), k, shaft)
-        triangle, _ = filter_triangle(tree, k)
+        triangle, _ = filter_triangle(tree.triangles, k)
         v = cull_triangle(shaft, triangle, facing)
         put(out, WORDS * k, np.int32(left))
         put(out, WORDS * k + 1, np.int32(right))

@@ -42,7 +42,7 @@ def parts_on(tracer, query, first=0, receivers=None):
     block = tracer.launches.block("parts", parts_bytes(tiles), "parts")
     tiles, work = tiles._replace(parts=block.address), tracer._work(first * spp, receivers * spp, 0)
     tracer.launches.block("counts", 0, "").fill()
-    tracer.launches.launch("find_parts", (tracer._sample_buffers(query, 1), work, tiles), tiles.n)
+    tracer.launches.launch("find_parts", (tracer._sample_buffers(None, query, 1), work, tiles), tiles.n)
     n = tiles.n + int(tracer._counts()[PARTS])
     parts = block.read(np.empty((n, PART), np.int32))
     return [(first + at, lanes) for at, lanes in parts.tolist() if lanes]
