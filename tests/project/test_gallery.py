@@ -14,7 +14,8 @@ gallery = tool(ROOT / "scripts" / "gallery.py")
 pages = tool(ROOT / "scripts" / "pages.py")
 PROGRAMS = {program.name: program for program in gallery.programs()}
 NEEDS = {"sun_hours": "pvlib", "sun_city": "pvlib", "day": "pvlib", "sun_film": "pvlib"}
-NEEDS |= {"ray_hierarchy": "matplotlib", "map_sheet": "matplotlib"}
+NEEDS |= {"ray_hierarchy": "matplotlib", "map_sheet": "matplotlib", "horizon": "matplotlib", "shadow_map": "matplotlib"}
+QUICK = {"ray_hierarchy", "horizon", "shadow_map"}  # as they are
 
 
 @pytest.mark.programs
@@ -25,7 +26,7 @@ def test_program_draws_its_picture(name, tmp_path):
     if lacking := gallery.missing(PROGRAMS[name]):
         pytest.skip(f"the picture {name} is NOT tried: {', '.join(lacking)} is not in ANTUMBRA_SCENES")
     text = PROGRAMS[name].path.read_text(encoding="utf-8")
-    assert gallery.quick_version(text) != text or name == "ray_hierarchy"
+    assert gallery.quick_version(text) != text or name in QUICK
     picture = Image.open(gallery.draw(PROGRAMS[name], tmp_path, quick=True)).convert("RGB")
     assert len(picture.getcolors(1 << 24)) > 20
 
