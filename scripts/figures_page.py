@@ -329,6 +329,9 @@ def viewer(results: dict[str, Any]) -> str:
 # --- Rows in which a peer is faster -----------------------------------------------------------------------------------
 
 
+_FEW = "a call with few rays spends its time in Python; peers are in C++"
+
+
 class Below(NamedTuple):
     """Rows of a table in which a peer is faster."""
 
@@ -367,7 +370,7 @@ _DROP_IN = {"contains": _OPEN, "signed distance": _OPEN, "hit counts": _ALL, "al
 def below_in_drop_in() -> Iterable[Below]:
     rows = [row for row in load("drop_in")["rows"] if row["ratio"] is not None]
     few = [row["ratio"] for row in rows if row["queries"] <= 100]
-    yield Below("drop-in calls of 1 and 100", few, len(few), "a call of few is Python, which peers enter in C++")
+    yield Below("drop-in calls of 1 and 100", few, len(few), _FEW)
     by_reason: dict[str, list[dict[str, Any]]] = {}
     for row in (row for row in rows if row["queries"] > 100):
         why = _DROP_IN.get(row["query"], "first hits and locations include the exact t and weights")
@@ -383,7 +386,7 @@ def below_in_latency() -> Below:
     for ours in where(rows, part="latency", library="antumbra"):
         peers = [r for r in where(rows, part="latency", rays=ours["rays"]) if r["library"] != "antumbra"]
         ratios.append(min(r["median_us"] for r in peers) / ours["median_us"])
-    return Below("latency of a call", ratios, len(ratios), "a call of few rays is Python, which peers enter in C++")
+    return Below("latency of a call", ratios, len(ratios), _FEW)
 
 
 def below_in_small_pictures() -> Below:
@@ -423,8 +426,8 @@ def below_one() -> str:
         if ratios:
             assert each.why, f"{each.what}: a peer is faster; state why"
             rows.append(f"| {each.what} | {len(ratios)} of {each.of} | {min(ratios):.2f} | {each.why} |")
-    head = ["## Where a peer is faster", "", "| rows | below 1 | least ratio | why |", "|---|---:|---:|---|"]
-    return "\n".join([*head, *rows]) + "\n"
+    columns = "| measurement | a peer is faster in | worst ratio | why |"
+    return "\n".join(["## Where a peer is faster", "", columns, "|---|---:|---:|---|", *rows]) + "\n"
 
 
 # --- Wrong answers, papers, scale -------------------------------------------------------------------------------------
