@@ -22,7 +22,8 @@ def test_builds_refits_and_frames_of_a_device_are_those_of_the_cpu(name, monkeyp
     timed = [(row["case"], row["method"]) for row in rows if "method" in row]
     assert timed == [
         *(("build", method) for method in ("device", "device, host arrays", "cpu")),
-        *((case, method) for case in ("refit", "update", "cull") for method in ("device", "cpu")),
+        *((case, method) for case in ("ploc", "refit", "update", "cull") for method in ("device", "cpu")),
+        ("culled", "device"),
         *(("frame", method) for method in ("device, host arrays", "cpu")),
     ]
     assert all(row["differs"] == 0 for row in rows if "method" in row)
@@ -41,7 +42,9 @@ def test_shafts_are_compared_with_single_rays_and_the_cpu(name, monkeypatch, tmp
     assert {row["method"] for row in rows} == {"device, host arrays", "device, shafts", "cpu"}
     assert {row["case"] for row in rows} == {f"{light} {spp}" for light in ("small", "large") for spp in (1, 4)}
     assert all(row["differs"] == 0 for row in rows)
-    assert all(row["visits"] > 0 for row in rows if row["method"] != "cpu")
+    assert all(row["visits"] > 0 for row in rows if row["method"] == "device, host arrays")
+    by_shafts = {row["case"]: row["visits"] > 0 for row in rows if row["method"] == "device, shafts"}
+    assert by_shafts == {"small 1": True, "small 4": True, "large 1": False, "large 4": False}  # single rays: huge lamps
 
 
 @pytest.mark.parametrize("part", device_surfaces.SCENES)

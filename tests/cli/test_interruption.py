@@ -61,6 +61,8 @@ def caught(monkeypatch):
     """Handles signals as the process of a command does, and forgets them afterwards."""
     before = {kind: signal.getsignal(kind) for kind in SIGNALS}
     monkeypatch.setattr(sys, "unraisablehook", sys.unraisablehook)
+    for kind in SIGNALS:
+        signal.signal(kind, signal.SIG_DFL)  # SIGHUP is ignored under nohup
     signal.signal(signal.SIGINT, signal.default_int_handler)  # it is ignored in the background of a shell
     interruption.catch_signals()
     yield

@@ -149,7 +149,7 @@ def _elect(tree, batch, points, odd, election, cap_bounds, sink):
 @kernel
 def _vote(ticket, wide, rays, election, cap_bounds, verdicts, faults):
     """Worker: write the verdict on the origin of each of the first rays."""
-    # In: rays, a `RayList`. Out: verdicts, (n,) uint8
+    # In: wide, rays (a `RayList`), election, cap_bounds. Out: verdicts, (n,) uint8; faults
     batch = RayBlock(stack_f32(_ROWS), stack_f64(_PRECISE), stack_i32(_RAYS), False)
     nothing, sides, tree = stack_i32(1), stack_i64(6), wide_tree_of(wide)
     sink = HitSink(stack_i32(_RAYS), stack_i32(1), nothing, nothing, np.int64(0), INSIDE, stack_f32(1))
