@@ -196,24 +196,18 @@ def test_paint_has_the_hours_of_the_command(chromium, written):
     assert opened.faults == []
 
 
-STOP_PAINTING = """() => {
-    const is_painting = document.getElementById('value').dataset.state === 'painting';
-    if (is_painting) document.getElementById('paint').click();
-    return is_painting;
-}"""
-
-
 def test_painting_stops_and_starts_anew(chromium, written):
     opened = Opened(chromium, written[1])
     opened.page.wait_for_selector(FIRST)
     button, value = opened.page.locator("#paint"), opened.page.locator("#value")
     assert button.is_hidden() and opened.page.locator("#legend").is_hidden()
     opened.page.locator("#show").select_option("year")
-    opened.page.wait_for_function(STOP_PAINTING)  # at once: it may be done before a click from outside
+    opened.page.wait_for_selector("#value[data-state='painting']")
+    button.click()
     opened.page.wait_for_selector("#value[data-state='stopped']")
     assert button.inner_text() == "Restart" and value.inner_text().endswith("stopped")
     button.click()
-    opened.page.wait_for_selector("#value:not([data-state='stopped'])")
+    opened.page.wait_for_selector("#value[data-state='painting']")
     before = opened.page.locator("#command").inner_text()
     opened.page.locator("#date").fill("2025-01-05")
     opened.page.wait_for_function("before => document.getElementById('command').textContent !== before", arg=before)
