@@ -46,7 +46,12 @@ def test_shafts_are_compared_with_single_rays_and_the_cpu(name, monkeypatch, tmp
     assert all(row["differs"] == 0 for row in rows)
     assert all(row["visits"] > 0 for row in rows if row["method"] == "device, host arrays")
     by_shafts = {row["case"]: row["visits"] > 0 for row in rows if row["method"] == "device, shafts"}
-    assert by_shafts == {"small 1": True, "small 4": True, "large 1": False, "large 4": False}  # single rays: huge lamps
+    assert by_shafts == {
+        "small 1": True,
+        "small 4": True,
+        "large 1": False,
+        "large 4": False,
+    }  # single rays: huge lamps
 
 
 @pytest.mark.parametrize("part", device_surfaces.SCENES)
