@@ -124,9 +124,17 @@ class OnDeviceTracer(Tracer):
         progress: ProgressCallback | None = None,
         fresh: bool = True,
     ) -> None:
-        prepared.tracer.trace_shadow(prepared.tree, query, bits, thread_count(threads), progress)
+        visits = self._launch(prepared, query, bits, thread_count(threads), progress)
         if counters is not None:
             counters[RAYS] += ray_count(query)
+            counters[NODES] += visits
+
+    def _launch(
+        self, prepared: OnDevice, query: ShadowQuery, bits: Bits, threads: int, progress: ProgressCallback | None
+    ) -> int:
+        """Trace a query, and return the number of nodes visited, as far as it is counted."""
+        prepared.tracer.trace_shadow(prepared.tree, query, bits, threads, progress)
+        return 0
 
 
 class ShaftsOnDeviceTracer(OnDeviceTracer):
@@ -138,22 +146,12 @@ class ShaftsOnDeviceTracer(OnDeviceTracer):
         super().__init__(device)
         self.description = f"one shaft of shadow rays per thread on the device {device}, exact with the CPU's help"
 
-    def trace(
-        self,
-        prepared: OnDevice,
-        query: ShadowQuery,
-        bits: Bits,
-        threads: int | None = None,
-        counters: Counters | None = None,
-        progress: ProgressCallback | None = None,
-        fresh: bool = True,
-    ) -> None:
-        tracer = prepared.tracer
-        visits = tracer.visits
-        tracer.trace_shadow(prepared.tree, query, bits, thread_count(threads), progress, True)
-        if counters is not None:
-            counters[RAYS] += ray_count(query)
-            counters[NODES] += tracer.visits - visits
+    def _launch(
+        self, prepared: OnDevice, query: ShadowQuery, bits: Bits, threads: int, progress: ProgressCallback | None
+    ) -> int:
+        tracer, before = prepared.tracer, prepared.tracer.visits
+        tracer.trace_shadow(prepared.tree, query, bits, threads, progress, True)
+        return int(tracer.visits - before)
 
 
 def _vertices(triangles: Triangles, tracer: Any) -> Any:

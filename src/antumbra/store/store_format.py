@@ -108,6 +108,17 @@ def pages(n_bytes: int) -> int:
     return -(-n_bytes // PAGE) * PAGE
 
 
+class StoredArray(NamedTuple):
+    """An array in a section, after those before it."""
+
+    dtype: str | np.dtype[Any]
+    shape: tuple[int, ...]
+
+    @property
+    def bytes(self) -> int:
+        return int(np.prod(self.shape, dtype=np.int64)) * np.dtype(self.dtype).itemsize
+
+
 def index_dtype(n_colours: int) -> np.dtype[Any]:
     """The dtype of indices into a palette of `n_colours` rows."""
     return np.dtype("u1" if n_colours <= 1 << 8 else "<u2" if n_colours <= 1 << 16 else "<u4")

@@ -28,7 +28,7 @@ from ..scene.materials import CLAMP, MIRROR, REPEAT
 from ..scene.open_faces import CLEAR
 from ..scene.scene_bounds import NEAREST
 from .staging_files import CutoutColumns, Record
-from .store_format import CutoutSection, pages
+from .store_format import CutoutSection, StoredArray, pages
 
 _FAR = 1e6  # largest texture coordinate
 _NO_TEXTURE = np.zeros(1, np.uint8)
@@ -53,26 +53,16 @@ class StoredCutouts(NamedTuple):
     clear: ClearFaces
 
 
-class _Column(NamedTuple):
-    """An array of the section."""
-
-    dtype: str
-    shape: tuple[int, ...]
-
-    @property
-    def bytes(self) -> int:
-        return int(np.prod(self.shape, dtype=np.int64)) * np.dtype(self.dtype).itemsize
-
-
-def _columns(section: CutoutSection) -> dict[str, _Column]:
+def _columns(section: CutoutSection) -> dict[str, StoredArray]:
     """The arrays of a section, in order."""
     m, p, r, k, b = section.faces, section.masks, section.rows, section.months, section.texels
     return {
-        "first": _Column("<i8", (p,)), "rows": _Column("<i8", (p,)),
-        "corners": _Column("<f4", (m, 9)), "uv": _Column("<f4", (m, 6)), "colours": _Column("<f4", (m, 3)),
-        "faces": _Column("<i4", (m,)), "mask": _Column("<i4", (m,)),
-        "shapes": _Column("<i4", (p, 4)), "depths": _Column("<i4", (r, 4)), "months": _Column("<i4", (k, r, 4)),
-        "texels": _Column("u1", (b,)),
+        "first": StoredArray("<i8", (p,)), "rows": StoredArray("<i8", (p,)),
+        "corners": StoredArray("<f4", (m, 9)), "uv": StoredArray("<f4", (m, 6)), "colours": StoredArray("<f4", (m, 3)),
+        "faces": StoredArray("<i4", (m,)), "mask": StoredArray("<i4", (m,)),
+        "shapes": StoredArray("<i4", (p, 4)), "depths": StoredArray("<i4", (r, 4)),
+        "months": StoredArray("<i4", (k, r, 4)),
+        "texels": StoredArray("u1", (b,)),
     }  # fmt: skip
 
 

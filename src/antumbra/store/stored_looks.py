@@ -27,7 +27,7 @@ from ..scene.appearance import Appearance, textured_faces
 from ..scene.face_looks import LOOK_WIDTHS, FaceLooks
 from ..scene.materials import Material, Texture, pbr_of
 from .staging_files import Record
-from .store_format import LookSection, index_dtype, pages
+from .store_format import LookSection, StoredArray, index_dtype, pages
 from .stored_materials import StoredTextures, decoding_cost, images_of, material_of
 
 BLOCK = 4096
@@ -51,23 +51,16 @@ _ROWS = {"uv": "uv_rows", "colours": "colour_rows", "second_uv": "second_rows"}
 """Attributes of which equal corners are stored once, and the arrays that index them."""
 
 
-class _Column(NamedTuple):
-    """An array of a block."""
-
-    dtype: Any
-    shape: tuple[int, ...]
-
-
-def _columns(row: np.ndarray, n: int) -> dict[str, _Column]:
+def _columns(row: np.ndarray, n: int) -> dict[str, StoredArray]:
     """The arrays of a block of n faces, in order."""
     kinds, uv, colours, normals, tangents, second = (int(row[name]) for name in ("kinds", *LOOK_WIDTHS))
     columns = {
-        "kinds": _Column("<i4", (kinds,)), "uv": _Column("<f4", (uv, 2)), "colours": _Column("<f4", (colours, 4)),
-        "second_uv": _Column("<f4", (second, 2)),
-        "normals": _Column("<f4", (normals * n, 12)), "tangents": _Column("<f4", (tangents * n, 10)),
-        "uv_rows": _Column("<u2", (n * (uv > 0), 3)), "colour_rows": _Column("<u2", (n * (colours > 0), 3)),
-        "second_rows": _Column("<u2", (n * (second > 0), 3)),
-        "kind_rows": _Column(index_dtype(kinds), (n * (kinds > 1),)),
+        "kinds": StoredArray("<i4", (kinds,)), "uv": StoredArray("<f4", (uv, 2)),
+        "colours": StoredArray("<f4", (colours, 4)), "second_uv": StoredArray("<f4", (second, 2)),
+        "normals": StoredArray("<f4", (normals * n, 12)), "tangents": StoredArray("<f4", (tangents * n, 10)),
+        "uv_rows": StoredArray("<u2", (n * (uv > 0), 3)), "colour_rows": StoredArray("<u2", (n * (colours > 0), 3)),
+        "second_rows": StoredArray("<u2", (n * (second > 0), 3)),
+        "kind_rows": StoredArray(index_dtype(kinds), (n * (kinds > 1),)),
     }  # fmt: skip
     return columns
 
@@ -277,11 +270,12 @@ class StoredLooks:
             raise self._damaged("are damaged")
         arrays, at = dict[str, np.ndarray](), 0
         columns = _columns(row, n)
-        if sum(int(np.prod(shape)) * np.dtype(dtype).itemsize for dtype, shape in columns.values()) != len(data):
+        if sum(column.bytes for column in columns.values()) != len(data):
             raise self._damaged(f"are not consistent (block {k} has {len(data)} bytes)")
-        for name, (dtype, shape) in columns.items():
-            arrays[name] = np.frombuffer(data, dtype, int(np.prod(shape)), at).reshape(shape)
-            at += arrays[name].nbytes
+        for name, column in columns.items():
+            count = int(np.prod(column.shape))
+            arrays[name] = np.frombuffer(data, column.dtype, count, at).reshape(column.shape)
+            at += column.bytes
         kinds, most = arrays["kinds"], 2 * len(self.section.materials)
         good = (kinds >= -1).all() and (kinds < most).all()
         for name, rows in {"kinds": "kind_rows", **_ROWS}.items():
