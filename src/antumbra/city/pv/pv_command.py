@@ -39,12 +39,12 @@ _SUFFIXES = ".csv", ".parquet"
 
 @dataclass(frozen=True, kw_only=True)
 class PvCommand(StudyCommand[PvOptions, "ModuleShading"]):
-    """Compute the shading of photovoltaic modules.
+    """Compute the shading of solar modules.
 
     The table of modules has their positions, id or name, and optionally tilt, azimuth (degrees), width, height, and
     string. A row with an axis_azimuth is a tracker (axis_tilt, max_angle, and gcr for backtracking). The result has a
-    row for each module and time: shaded_fraction, from 0 to 1, and 1 while the sun is down or behind the plane;
-    sky_view_factor of the plane; and the position of the sun. pandas and pvlib read it as their own.
+    row for each module and time: shaded_fraction, from 0 to 1, which is 1 while the sun is down or behind the plane;
+    sky_view_factor of the plane; and the sun's position. Use it in pandas and pvlib as it is.
 
     \b
     Examples

@@ -36,7 +36,7 @@ class ViewFactorKeywords:
     side: str = option("front", Choice(SIDES), "Side of the faces; back: for rooms whose faces point outwards.")
     """The side of the faces that radiates and receives. "front" is the side from which corners run counterclockwise:
     the outer side of buildings. For a room whose faces point outwards, use "back"."""
-    seed: int = option(0, WholeNumber(0, (1 << 63) - 1), "Of the sample points.", hides_limit=True)
+    seed: int = option(0, WholeNumber(0, (1 << 63) - 1), "Seed of the sample points.", hides_limit=True)
     """Of the random shifts of the sample points. The same seed gives the same result, with any number of threads."""
     time: float = same_option(RenderOptions, "time", start=0.0)
     threads: int | None = same_option(EngineOptions, "threads")
