@@ -174,7 +174,7 @@ def test_blocks_of_pyvista_are_objects():
 @pytest.mark.parametrize(
     "mesh, words",
     [
-        (None, "scene is a NoneType; give the path of a file, a scene, a DataArray, or a mesh of trimesh"),
+        (None, "scene is of type NoneType; give the path of a file, a scene, a DataArray, or a mesh of trimesh"),
         (np.zeros((3, 3)), "arrays go to Scene.from_arrays"),
         (trimesh.Trimesh(), "the Trimesh has no triangles"),
         (meshio_mesh(("hexahedron", [[0, 1, 2, 3, 0, 1, 2, 3]])), "has no triangles.*extract_surface"),

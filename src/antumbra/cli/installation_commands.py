@@ -329,9 +329,7 @@ def warmup(
 
 
 def plans(
-    papers: Annotated[
-        bool, typer.Option("--papers", help="Also list methods that only reproduce a paper or serve as baselines.")
-    ] = False,
+    papers: Annotated[bool, typer.Option("--papers", help="Also list variants of papers, and baselines.")] = False,
     json: Json = False,
 ) -> None:
     """List the methods, and how they form plans.

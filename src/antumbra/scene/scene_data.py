@@ -387,7 +387,8 @@ class SceneData(ABC):
         """The checked index of a camera or light from the file."""
         with suppress(InputError):
             return whole_number(index, kind, 0, count - 1)
-        raise InputError(f"{self.name}: there is no {kind} {quoted(index)}; the scene has {count}")
+        known = f"its {kind}s are 0 to {count - 1}" if count else "the scene has none"
+        raise InputError(f"{self.name}: there is no {kind} {quoted(index)}; {known}")
 
     def ground_height(self, time: float | None = None) -> float:
         """The height along the up axis, in world units, of a horizontal ground plane just below the scene.

@@ -433,7 +433,7 @@ CONTAINERS = {
     "first chunk no JSON": (GOOD[:16] + b"BIN\0" + GOOD[20:], "first GLB chunk is not JSON"),
     "JSON cut": (b'{"asset": {"version"', "JSON cannot be read"),
     "JSON list": (b"[]", "is a list of 0; it must be a JSON object"),
-    "no text": (bytes(range(256)), "JSON cannot be read"),
+    "no text": (bytes(range(256)), "is not a glTF file"),
     "NaN": (b'{"asset": NaN}', "NaN is not JSON"),
     "deep": (b'{"a":' * 100_000, "nested too deeply"),
     "huge number": (b'{"scene": ' + b"9" * 5000 + b"}", "JSON cannot be read"),

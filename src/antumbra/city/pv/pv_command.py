@@ -59,14 +59,15 @@ class PvCommand(StudyCommand[PvOptions, "ModuleShading"]):
         typer.Option(help="A file of modules: .csv, .parquet, .npz, .gpkg or .geojson.", metavar="FILE"),
     ]
     on_surface: Annotated[
-        bool, typer.Option("--on-surface", help="Heights of modules are above the highest surface of SCENE.")
+        bool,
+        typer.Option("--on-surface", help="Measure heights from the highest surface. Without this, z is a coordinate."),
     ] = False
     days: Annotated[
         str,
         typer.Option(help="2026-06-21, 2026-03-21:2026-09-21, year:2026, or a comma-separated list.", metavar="DAYS"),
     ]
     step: Annotated[
-        float, typer.Option(help="Minutes between times, each in the middle of its interval.", metavar="MINUTES")
+        float, typer.Option(help="Minutes between times. Each is the middle of its interval.", metavar="MINUTES")
     ] = 60.0
     trees: VegetationOption = None
     crs: CrsOption = None

@@ -69,7 +69,11 @@ class SkylineCommand(StudyCommand[SkylineOptions, "list[Skyline]"]):
     map: MapOption = None
     sheet: SheetOption = None
     highest: Annotated[
-        bool, typer.Option(help="In a .txt file, the highest elevation near each azimuth instead of that along it.")
+        bool,
+        typer.Option(
+            help="Write the conservative horizon to .txt files. It is the highest one near each azimuth, not the "
+            "one along it."
+        ),
     ] = False
     up: Annotated[UpOption, ListedBefore("threads")] = None
     crs: CrsOption = None

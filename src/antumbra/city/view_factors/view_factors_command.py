@@ -47,7 +47,7 @@ class ViewFactorsCommand(StudyCommand[ViewFactorOptions, "list[tuple[ViewFactors
     scene: SceneArgument = DEFAULT_SCENE
     reciprocal: Annotated[
         bool,
-        typer.Option("--reciprocal", help="Adjust the factors, so that A_i F_ij = A_j F_ji holds exactly."),
+        typer.Option("--reciprocal", help="Make the factors reciprocal. A_i F_ij = A_j F_ji then holds exactly."),
         ListedBefore("seed"),
     ] = False
     before: BeforeOption = False
