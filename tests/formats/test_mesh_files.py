@@ -156,7 +156,7 @@ WRONG = {
     "bytes.obj": (bytes(range(256)) * 4, "no triangles"),
     "empty.ply": ("", "is empty"),
     "high.ply": (ply_text(faces=[(0, 1, 4)]), "face 0 uses the vertices 0, 1, 4"),
-    "low.ply": (ply_text(faces=[(0, 1, -1)]), "face 0 uses vertex 0, 1, -1"),
+    "low.ply": (ply_text(faces=[(0, 1, -1)]), "face 0 uses the vertices 0, 1, -1"),
     "many.ply": (ply_text(n_vertices=4_000_000_000), "PLY header declares 4,000,000,004 elements"),
     "many2.ply": (ply_binary(n_faces=4_000_000_000), "PLY header declares 4,000,000,004 elements"),
     "short.ply": (ply_binary()[:-7], "5 are left; the file is cut short"),

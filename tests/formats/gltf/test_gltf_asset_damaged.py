@@ -153,7 +153,7 @@ def test_names_are_told(tmp_path):
     made = single(TETRAHEDRON, np.array([[0, 1, 9]], np.uint16), name="Door")
     made.json["meshes"][0]["name"] = "Handle"
     message = message_of(made.write(tmp_path))
-    assert 'meshes[0] "Handle".primitives[0]: face 0 uses vertex 0, 1, 9, but there are 4 vertices' in message
+    assert 'meshes[0] "Handle".primitives[0]: face 0 uses the vertices 0, 1, 9, and the mesh has 4 vertices' in message
     made.json["nodes"][0]["scale"] = [0, 0, 0]
     made.json["meshes"][0]["primitives"][0].pop("indices")
     made.json["accessors"][0]["count"] = 3
