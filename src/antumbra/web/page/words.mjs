@@ -42,7 +42,10 @@ const TABLE = {
   resetDone: ["View reset.", "Die erste Ansicht ist zu sehen."],
   link: ["Copy link", "Link kopieren"],
   linkCopied: ["Link to this view copied.", "Ein Link zu dieser Ansicht ist kopiert."],
-  linkShown: ["The address bar contains the link to this view.", "Der Link zu dieser Ansicht steht in der Adresszeile."],
+  linkShown: [
+    "The address bar contains the link to this view.",
+    "Der Link zu dieser Ansicht steht in der Adresszeile.",
+  ],
   linkWrong: [
     "The link contains no view of this page, so you see the first one.",
     "Der Link hat keine Ansicht dieser Seite; die erste Ansicht ist zu sehen.",
