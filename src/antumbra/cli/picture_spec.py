@@ -359,7 +359,7 @@ class RenderArguments(_Options):  # type: ignore[misc] # made from the options o
     html: Annotated[
         Path | None,
         typer.Option(
-            help="Also write a self-contained .html page with the picture, settings, times and counters.",
+            help="Also write an .html page for offline use, with the picture, settings, times and counters.",
             metavar="FILE",
             show_default=False,
             callback=writes(".html"),
@@ -378,7 +378,7 @@ class RenderArguments(_Options):  # type: ignore[misc] # made from the options o
         Path | None,
         typer.Option(
             "--path",
-            help="Move the camera of --frames along the keys of a .json file, or with the camera of a .glb file.",
+            help="Move the camera of --frames along the keys in a .json file, or with the camera in a .glb file.",
             metavar="FILE",
             show_default=False,
         ),
@@ -405,7 +405,7 @@ class RenderArguments(_Options):  # type: ignore[misc] # made from the options o
     srdh_rays: SrdhRaysOption = None
     explain_plan: Annotated[
         bool,
-        typer.Option("--explain-plan", help="Show the choices of the plan auto, their reasons and times."),
+        typer.Option("--explain-plan", help="Explain what the plan auto chose, and why."),
     ] = False
     exposure: ExposureOption = None
     shard: ShardOption = None

@@ -23,7 +23,7 @@ _STEEP = 1e-5  # least sine of the angle between ray and plane for which trimesh
 
 
 def trimesh_ray(mesh: Any) -> "RayMeshIntersector":
-    """An exact ray intersector for a trimesh mesh, in place of its own one.
+    """An exact ray intersector that replaces a trimesh mesh's own.
 
     ``mesh.ray = at.trimesh_ray(mesh)``. From then on, ``mesh.contains``, ``trimesh.proximity.signed_distance`` and all
     other functions that use ``mesh.ray`` are answered exactly too. A changed mesh is read again at the next query, and
@@ -49,7 +49,7 @@ def trimesh_ray(mesh: Any) -> "RayMeshIntersector":
 
 
 def trimesh_nearest(mesh: Any) -> "ProximityQuery":
-    """Proximity queries about a trimesh mesh, in place of its own ones: ``mesh.nearest = at.trimesh_nearest(mesh)``.
+    """Proximity queries that replace a trimesh mesh's own: ``mesh.nearest = at.trimesh_nearest(mesh)``.
 
     A changed mesh is read again at the next query, and ``mesh.copy()`` keeps the queries.
 
@@ -75,8 +75,8 @@ def trimesh_nearest(mesh: Any) -> "ProximityQuery":
 def use_in_trimesh() -> "TrimeshRays":
     """Answer the ray and proximity queries of all trimesh meshes made from now on, parts of meshes included.
 
-    trimesh gives each new mesh an intersector and a proximity query. This puts `RayMeshIntersector` and
-    `ProximityQuery` in the place of the classes that trimesh chooses from. Meshes that exist keep theirs.
+    trimesh gives each new mesh an intersector and a proximity query. This function replaces the classes that trimesh
+    chooses from with `RayMeshIntersector` and `ProximityQuery`. Existing meshes keep theirs.
 
     Returns
     -------

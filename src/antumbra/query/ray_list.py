@@ -224,9 +224,11 @@ def rays_of(
     if directions.shape != origins.shape or not type(tmin) is type(tmax) is type(skip) is float:
         shape = _shape(origins.shape[:-1], directions.shape[:-1], tmin, tmax, skip)
         if shape is None:
-            sizes = ", ".join(f"{k} {np.shape(x)}" for k, x in (("tmin", tmin), ("tmax", tmax), ("skip_face", skip)))
+            others = {"tmin": np.shape(tmin), "tmax": np.shape(tmax), "skip_face": np.shape(skip)}
+            sizes = "".join(f", {name} {size}" for name, size in others.items() if size)
             raise InputError(
-                f"shapes do not broadcast: origins {origins.shape}, {target_name} {directions.shape}, {sizes}"
+                f"shapes do not broadcast: origins {origins.shape}, {target_name} {directions.shape}{sizes}; "
+                "origins[:, None] tests all pairs"
             )
     assert shape is not None
     facing = 0 if cull_faces is None else cull_value(cull_faces)

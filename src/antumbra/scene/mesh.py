@@ -113,8 +113,8 @@ def check_faces(faces: np.ndarray, n_vertices: int, where: str, first: int = 0) 
     if faces.size and (faces.min() < 0 or faces.max() >= n_vertices):
         bad = int(np.argmax(((faces < 0) | (faces >= n_vertices)).any(axis=1)))
         raise InputError(
-            f"{where}: face {first + bad} uses vertex {', '.join(map(str, faces[bad].tolist()))}, "
-            f"but there are {counted(n_vertices, 'vertex')}; export the mesh again"
+            f"{where}: face {first + bad} uses the vertices {', '.join(map(str, faces[bad].tolist()))}, "
+            f"and the mesh has {counted(n_vertices, 'vertex')}, counted from 0; export the mesh again"
         )
     return np.ascontiguousarray(faces, np.int32)  # no second copy of int32
 

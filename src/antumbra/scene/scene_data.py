@@ -31,7 +31,7 @@ from .mesh import MeshInfo, ObjectInfo, Source
 from .open_faces import FoundOpenFaces, OpenFaceFinder
 from .raster import CellWindow, Raster, RasterAxes
 from .scene_bounds import Survey, face_corners, faces_of, frame_origin, moving_faces, objects_of, sampled_faces
-from .terrain import HeightGrid
+from .terrain import TERRAIN_TYPE, HeightGrid
 from .triangles import Triangles
 from .units import LengthUnit, checked_unit
 
@@ -242,6 +242,11 @@ class SceneData(ABC):
         """The raster of heights that is the whole scene, solid and where it was read; None for all other scenes."""
         return None
 
+    @property
+    def of_heights(self) -> bool:
+        """Whether all objects are terrain, also in tiles and after an update, which have no `terrain`."""
+        return all(each.type == TERRAIN_TYPE for each in self.objects)
+
     def cell_tops(self, window: CellWindow | None = None) -> tuple[NDArray[np.float64], NDArray[np.integer]] | None:
         """The height and the face at cells of a scene that is one raster of heights, as `TerrainSurfaces.tops`."""
         return None
@@ -382,7 +387,8 @@ class SceneData(ABC):
         """The checked index of a camera or light from the file."""
         with suppress(InputError):
             return whole_number(index, kind, 0, count - 1)
-        raise InputError(f"{self.name}: there is no {kind} {quoted(index)}; the scene has {count}")
+        known = f"its {kind}s are 0 to {count - 1}" if count else "the scene has none"
+        raise InputError(f"{self.name}: there is no {kind} {quoted(index)}; {known}")
 
     def ground_height(self, time: float | None = None) -> float:
         """The height along the up axis, in world units, of a horizontal ground plane just below the scene.

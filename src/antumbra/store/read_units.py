@@ -211,7 +211,7 @@ def _objects_of(scenes: Sequence[StoreMeta], runs: NDArray[np.int64], n_triangle
     names, types, parents = ([text for texts in of for text in texts] for of in zip(*(one[:3] for one in each)))
     surfaces = any(one.had_surfaces for one in each)
     plain = names == [" + ".join(scene.name for scene in scenes)] and not (types[0] or parents[0] or surfaces)
-    too_many = max(len(names), len(runs)) > MAX_RUNS or n_triangles > MAX_TRIANGLES
+    too_many = max(len(names), len(runs)) > MAX_RUNS or (len(names) > 1 and n_triangles > MAX_TRIANGLES)
     known = int(runs[:, 0].sum()) == n_triangles and runs[:, 1].max(initial=-1) < len(names)
     if plain or too_many or not known:
         return None

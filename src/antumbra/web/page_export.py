@@ -186,8 +186,9 @@ def page_html(
         scenes = {"Before": before, "": scene}
     whole = scene if before is None else _whole(before, scene)
     triangles = whole.triangles(time)
-    if whole.data.terrain is not None:
-        triangles = triangles._replace(colour=height_tints(whole.data, triangles.vertices.mean(1)))
+    tints = height_tints(whole.data, triangles.vertices.mean(1))
+    if tints is not None:
+        triangles = triangles._replace(colour=tints)
     columns = Columns()
     _add_geometry(columns, triangles, whole.data.object_of_face[triangles.face_id])
     look = add_look(columns, scene, triangles, time, options.place)

@@ -84,6 +84,8 @@ def open_gltf(path: Path, streamed: bool = False) -> GltfDocument:
     """
     data, file = FileBytes(path), path.name
     text, binary = split_glb(data, file) if bytes(data[:4]) == GLB_MAGIC else (bytes(data), None)
+    if text[:64].lstrip(b"\xef\xbb\xbf \t\r\n")[:1] not in (b"{", b"[", b""):
+        raise InputError(f"{file}: is not a glTF file, which begins with glTF or a brace; export it again")
     root = parse(text, file)
     _check_version(root)
     _check_extensions(root)
