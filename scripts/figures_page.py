@@ -141,11 +141,11 @@ def soft_shadows() -> str:
 def moving_scenes() -> str:
     results = load("dynamic")
     rows = [
-        [row["scene"], f"`{row['contender']}`", f"{row['fps']:.1f}", f"{row['ratio']:.2f}"]
+        [row["scene"], f"`{row['contender']}`", f"{row['ratio']:.2f}", f"{row['fps']:.1f}"]
         for row in where(results["rows"], family="antumbra")
     ]
     title = "Moving scenes: frames of soft shadows, relative to a pipeline around Embree"
-    columns = ["scene", "plan", "frames per second", "ratio"]
+    columns = ["scene", "plan", "ratio", "frames per second"]
     return table(title, results["machine"], columns, rows, [Bars(["ratio"], are_ratios=True)])
 
 
@@ -187,8 +187,9 @@ def updates() -> str:
         peers = where(results["rows"], scene=ours["scene"], kind=ours["kind"])
         best = min((r for r in peers if "wrong" not in r), key=lambda r: r["total_ms"])
         ms = f"{ours['total_ms']:,.0f}", f"{best['total_ms']:,.0f}"
-        rows.append([ours["scene"], ours["kind"], *ms, best["method"], f"{best['we_are_faster']:.2f}", ours["wrong"]])
-    columns = ["scene", "rays", "ms", "the fastest peer's ms", "the fastest peer", "ratio", "our wrong answers"]
+        ratio, wrong = f"{best['we_are_faster']:.2f}", ours["wrong"] or "·"
+        rows.append([ours["scene"], ours["kind"], ratio, *ms, best["method"], wrong])
+    columns = ["scene", "rays", "ratio", "ms", "the fastest peer's ms", "the fastest peer", "our wrong answers"]
     title, bars = "Updates: a million triangles move, then a million rays", [Bars(["ratio"], are_ratios=True)]
     return table(title, results["machine"], columns, rows, bars)
 

@@ -27,7 +27,7 @@ _BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _PRINTED = re.compile(r"\n\n```text\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _PICTURE = re.compile(r"\n\n!\[[^]]*\]\(((?:\.\./)*images/blocks/[^)]+)\)")
 _VARIES = re.compile(r"[\d.,]+ (?:ms|s|min|million rays/s)\b|auto: \S+")  # and where lines of times break
-_MOST = 640, 640  # pixels of a picture
+_MOST = 640, 420  # pixels of a picture
 
 
 class Block(NamedTuple):

@@ -86,7 +86,11 @@ class CommandHelp(SphinxDirective):
         title, *lines = part.split("\n")
         name = title.removesuffix(":")
         section = nodes.section(ids=[f"{self.prefix}{nodes.make_id(name)}-group"])
-        section += [nodes.title("", name), self._list(records_of(lines))]
+        records = records_of(lines)
+        if name == "Commands":  # whole sentences, where the list of a terminal ends at the first full stop
+            records = [(each, help_text(*self.arguments, each).split("\n\n")[1].strip()) for each, _ in records]
+            self.anchors |= {each: each for each, _ in records}
+        section += [nodes.title("", name), self._list(records)]
         return section
 
     def _list(self, records: list[tuple[str, str]]) -> nodes.definition_list:
@@ -98,6 +102,8 @@ class CommandHelp(SphinxDirective):
         if match:
             anchor = self.anchors[match[1]]
             return nodes.term("", "", nodes.reference("", "", literal, refuri=f"#{anchor}"), ids=[anchor])
+        if names in self.anchors:  # a subcommand, which has a section below
+            return nodes.term("", "", nodes.reference("", "", literal, refuri=f"#{names}"))
         if not self.arguments and names.islower():
             page = {"refdomain": "std", "reftype": "doc", "reftarget": f"/cli/{names}", "refexplicit": True}
             return nodes.term("", "", addnodes.pending_xref("", literal, refdoc=self.env.docname, **page))
