@@ -13,10 +13,11 @@ from .mesh import Source
 from .open_faces import OpenFaceFinder, StreamedOpenFaces
 from .scene_bounds import FaceSample, Survey, frame_origin
 from .scene_data import SceneData
+from .shared_vertices import SharedVertices, shares_vertices
 
 _IN_RANGES = (
-    "was read in ranges of faces, at whose borders smooth shading may differ slightly; "
-    "build_store(antumbra.load(...)) avoids this"
+    "was read in ranges of faces, at whose borders smooth shading may differ slightly, since corners name normals and "
+    "texture coordinates by numbers of their own; build_store(antumbra.load(...)) avoids this"
 )
 
 
@@ -34,6 +35,7 @@ class StreamedData(SceneData):
         self.duration = float(source.duration)
         survey, self._has_looks, self._attributes, has_borders = Survey(source.file), False, set[str](), False
         self._open_faces: StreamedOpenFaces | None = StreamedOpenFaces()
+        self._shared: SharedVertices | None = None  # of meshes with normals that are read in ranges
         sample = FaceSample(sum(mesh.triangles * mesh.instances for mesh in source.meshes))
         for piece in source.pieces(0.0):
             survey.add(piece)
@@ -42,8 +44,11 @@ class StreamedData(SceneData):
             if piece.look is not None and not piece.look.is_plain:
                 self._has_looks, attributes = True, attributes_of(piece.look)
                 self._attributes |= attributes
-                lacks_tangents = "tangents" in attributes and piece.look.tangents is None
-                has_borders |= piece.is_range and ("normals" in attributes or lacks_tangents)
+                if shares_vertices(piece):
+                    self._shared = self._shared or SharedVertices(source.file)
+                    self._shared.add(piece)
+                else:
+                    has_borders |= piece.is_range and "normals" in attributes
         if has_borders:
             self.notes = (*self.notes, one_line(f"{source.file}: {_IN_RANGES}"))
         self._n_triangles, self._sample = survey.n_triangles, sample.corners
@@ -64,7 +69,7 @@ class StreamedData(SceneData):
         return self._has_looks
 
     def looks(self) -> LookFinder | None:
-        return StreamedLooks(self._attributes) if self._has_looks else None
+        return StreamedLooks(self._attributes, self._shared) if self._has_looks else None
 
     def open_faces(self) -> OpenFaceFinder | None:
         return self._open_faces
