@@ -28,12 +28,14 @@ class StreamedData(SceneData):
     """
 
     resident: ClassVar[bool] = False
+    has_copies = False  # whether memory would keep copies of meshes as instances, which are shown from outside
 
     def __init__(self, source: Source, *, name: str, up: str, notes: tuple[str, ...] = ()):
         self.name, self.up, self.notes = one_line(name), up, tuple(map(one_line, notes))
         self.source, self.meshes, self.objects = source, source.meshes, source.objects
         self.duration = float(source.duration)
         survey, self._has_looks, self._attributes, has_borders = Survey(source.file), False, set[str](), False
+        self._has_alpha = False
         self._open_faces: StreamedOpenFaces | None = StreamedOpenFaces()
         self._shared: SharedVertices | None = None  # of meshes with normals that are read in ranges
         sample = FaceSample(sum(mesh.triangles * mesh.instances for mesh in source.meshes))
@@ -41,6 +43,7 @@ class StreamedData(SceneData):
             survey.add(piece)
             sample.add(piece)
             self._open_faces.count(piece)
+            self._has_alpha |= piece.look is not None and any(each.lets_light_pass for each in piece.look.materials)
             if piece.look is not None and not piece.look.is_plain:
                 self._has_looks, attributes = True, attributes_of(piece.look)
                 self._attributes |= attributes
@@ -70,6 +73,10 @@ class StreamedData(SceneData):
 
     def looks(self) -> LookFinder | None:
         return StreamedLooks(self._attributes, self._shared) if self._has_looks else None
+
+    @property
+    def lets_light_pass(self) -> bool:
+        return self._has_alpha and self._open_faces is not None
 
     def open_faces(self) -> OpenFaceFinder | None:
         return self._open_faces
