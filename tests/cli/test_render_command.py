@@ -488,6 +488,11 @@ def test_bare_pictures_of_a_store_are_those_of_its_scene(cli, name, preset):
     assert whole == store == tiles
 
 
+def test_a_store_of_terrain_has_its_tints(cli):
+    whole, store, tiles = bare_pictures(cli, "example:hills")
+    assert whole == store == tiles
+
+
 @pytest.mark.parametrize("text", ["below", "", "nan", "1e40"])
 def test_a_ground_that_cannot_be(render, table, text):
     render("--ground", text, scene=table).refused("--ground", "auto, on, off or a height")

@@ -281,7 +281,7 @@ def with_appearance(state: FrameState, surfaces: Surfaces, parts: int = 1) -> Su
     scene, request = state.tracer.scene, state.request
     seen = state.appearance_of(surfaces.triangles)
     if seen is None:
-        if request.options.textures and request.options.materials == PBR and scene.terrain is not None:
+        if request.options.textures and request.options.materials == PBR and scene.is_terrain:
             tints = height_tints(scene, surfaces.gbuffer.position)
             surfaces = surfaces._replace(albedo=np.where(surfaces.ids[..., None] >= 0, tints, np.float32(0.0)))
         return surfaces

@@ -1,7 +1,7 @@
 """The colours of terrain in pictures, by height, as on maps: from meadows in valleys to rock and snow.
 
 A scene that is one raster of heights has no colours of its own. These are for the eye alone: `Scene.colours`, bounced
-light and bakes keep the plain colour of terrain, and so do pictures of lists of tiles, which have no heights.
+light and bakes keep the plain colour of terrain.
 """
 
 import numpy as np

@@ -247,6 +247,11 @@ class SceneData(ABC):
         """The raster of heights that is the whole scene, solid and where it was read; None for all other scenes."""
         return None
 
+    @property
+    def is_terrain(self) -> bool:
+        """Whether the scene is one raster of heights, which pictures tint, also where `terrain` is None."""
+        return self.terrain is not None
+
     def cell_tops(self, window: CellWindow | None = None) -> tuple[NDArray[np.float64], NDArray[np.integer]] | None:
         """The height and the face at cells of a scene that is one raster of heights, as `TerrainSurfaces.tops`."""
         return None

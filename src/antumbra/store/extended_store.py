@@ -74,6 +74,10 @@ class ExtendedStoreData(StoreData):
         """None: the surface is no longer a raster of heights alone."""
 
     @property
+    def is_terrain(self) -> bool:
+        return False
+
+    @property
     def terrain_towards(self) -> None:
         """None, as `terrain`."""
 

@@ -156,6 +156,7 @@ class _Build:
         if self._scenes.masks:
             check_one_range(self.path.name, self._scenes.survey.n_triangles)
         self._description = self._scenes.description
+        self._is_terrain = tile is not None and self._description["heights"] is not None
         if tile is not None:
             self._description["heights"] = None  # tiles are traced as triangles
         self._end_phase("read")
@@ -290,7 +291,8 @@ class _Build:
             table = writer.table
             meta = self._meta(tile.triangles, np.concatenate([left.boxes(), table["box"].reshape(-1, 2, 3)]))
             if is_part:
-                meta = meta._replace(raster=None, objects=None, framed=None, detail=None)  # they are of the whole
+                # These are of the whole.
+                meta = meta._replace(raster=None, objects=None, framed=None, detail=None, is_terrain=False)
             elif meta.heights is not None:
                 meta = meta._replace(heights=writer.add_heights(self.stages.file("heights", 0), meta.heights))
             if self._scenes.masks:
@@ -307,7 +309,7 @@ class _Build:
             n_triangles=n_triangles, bounds=self._scenes.bounds, origin=self._scenes.survey.origin(),
             box=np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)]),
             built={"chunk": self.chunk, "builder": "bsah", "top": "bsah, reinsert"},
-            framed=self._framed, detail=self._detail, **self._description,
+            framed=self._framed, detail=self._detail, is_terrain=self._is_terrain, **self._description,
         )  # fmt: skip
 
     def _write_manifest(self, stores: list[Store]) -> None:

@@ -121,7 +121,7 @@ def meta_fault(meta: StoreMeta, boxes: NDArray[np.float32], n_triangles: int, mo
     """
     for name, value, kinds in (
         ("name", meta.name, str), ("n_triangles", meta.n_triangles, int), ("built", meta.built, dict),
-        ("crs", meta.crs, (str, type(None))),
+        ("crs", meta.crs, (str, type(None))), ("is_terrain", meta.is_terrain, bool),
     ):  # fmt: skip
         if not isinstance(value, kinds):
             return f"its {name} is {quoted(value)}"

@@ -102,6 +102,10 @@ class StoreData(SceneData):
         """`StoredTerrain.towards`; None for other scenes."""
         return None if self._surface is None else self._surface.towards
 
+    @property
+    def is_terrain(self) -> bool:
+        return self.terrain is not None or self.store.meta.is_terrain
+
     def cell_tops(self, window: CellWindow | None = None) -> tuple[NDArray[np.float64], NDArray[np.integer]] | None:
         return None if self._surface is None else self._surface.pages.cell_tops(window)
 

@@ -255,6 +255,7 @@ class StoreMeta(NamedTuple):
     cutouts: CutoutSection | None = None  # None: all faces are solid
     looks: LookSection | None = None  # None: all faces have plain colours
     framed: NDArray[np.float64] | None = None  # (k, 3), world: `default_picture.framed_points`; None: see the bounds
+    is_terrain: bool = False  # whether these are tiles of one raster of heights, which have no `heights`
     detail: Detail | None = (
         None  # None: views from outside show it, as copies of meshes, or an earlier version built it
     )
@@ -266,6 +267,8 @@ def meta_to_json(meta: StoreMeta) -> bytes:
     for name in ("crs", "raster", "unit", "heights", "objects", "cutouts", "looks", "framed", "detail"):
         if record[name] is None:
             del record[name]
+    if not meta.is_terrain:
+        del record["is_terrain"]
     record["bounds"], record["origin"], record["box"] = (_plain(a) for a in (meta.bounds, meta.origin, meta.box))
     if meta.objects is not None:
         record["objects"] = meta.objects._asdict()

@@ -185,7 +185,7 @@ def page_html(
         scenes = {"Before": before, "": scene}
     whole = scene if before is None else _whole(before, scene)
     triangles = whole.triangles(time)
-    if whole.data.terrain is not None:
+    if whole.data.is_terrain:
         triangles = triangles._replace(colour=height_tints(whole.data, triangles.vertices.mean(1)))
     columns = Columns()
     _add_geometry(columns, triangles, whole.data.object_of_face[triangles.face_id])
