@@ -90,8 +90,6 @@ def ground_of(setting: str | float, scene: "AnyScene", camera: "Camera", time: f
         return None
     if setting == "auto" and not is_outside(scene, camera):
         return None
-    if not scene.data.resident:
-        raise InputError(f"--ground {setting}: {scene.name} is in a store, which has no ground; leave it out")
     return scene.ground_height(time) if isinstance(setting, str) else setting
 
 
@@ -103,12 +101,11 @@ ROOM_LIGHT: dict[str, Any] = {"bounce": 32, "bounce_step": 4}
 
 
 def is_enclosed(scene: "AnyScene") -> bool:
-    """Whether a scene in memory is shown from inside a room or a courtyard."""
+    """Whether a scene is shown from inside a room or a courtyard."""
     try:
-        room = scene.view.room if scene.data.resident else None
+        return scene.view.room is not None
     except InputError:  # at some time the scene has no triangles: that frame reports the error
         return False
-    return room is not None
 
 
 # --- Parsed arguments: everything that determines a picture except the time -------------------------------------------

@@ -280,7 +280,7 @@ class RenderOptions:
     lowest point at this time (see `Scene.ground_height`); a number: at this height along the scene's up axis, in world
     units. Pixels that see the plane show the background times the ratio of the light that arrives to the light that
     would arrive without shadows. `Frame.ground` has its visibility. The plane blocks no ray, changes no other pixel and
-    is not in `Frame.mask`. It is invisible from below. Not available for a store."""
+    is not in `Frame.mask`. It is invisible from below."""
 
     def __post_init__(self) -> None:
         check_fields(self)

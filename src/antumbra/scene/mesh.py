@@ -32,6 +32,7 @@ class Mesh(NamedTuple):
     colour: NDArray[np.float32]  # (3,) or (f, 3) float32, linear, in [0, 1]: mean colours
     look: MeshAppearance | None = None  # textures, vertex colours, normals; None: the mean colours suffice
     used: NDArray[np.bool_] | None = None  # (v0,) bool: which vertices of the array are `positions`; None: all
+    numbers: NDArray[np.int64] | None = None  # (v,) ascending: of vertices in the mesh of which this is a part
 
 
 class MeshInfo(NamedTuple):
@@ -180,6 +181,7 @@ class Piece(NamedTuple):
     linear: NDArray[np.float64] | None = None  # (k, 3, 3) float64: object-to-world, for the look's normals; None: 1
     used: NDArray[np.bool_] | None = None  # (v0,) bool: as in `Mesh`
     is_range: bool = False  # whether other pieces may have faces at the same vertices
+    numbers: NDArray[np.int64] | None = None  # (v,): as in `Mesh`; None: not known, or not `is_range`
 
 
 class Source(Protocol):

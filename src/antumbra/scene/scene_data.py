@@ -26,11 +26,11 @@ from .camera import Camera
 from .crs import unit_of_crs
 from .face_looks import FoundLooks, LookFinder
 from .lights import Light
-from .materials import MONTHS, LightShare, Texture, Transmittance
+from .materials import MONTHS, LightShare, Material, Texture, Transmittance
 from .mesh import MeshInfo, ObjectInfo, Source
 from .open_faces import FoundOpenFaces, OpenFaceFinder
 from .raster import CellWindow, Raster, RasterAxes
-from .scene_bounds import Survey, face_corners, faces_of, frame_origin, moving_faces, objects_of, sampled_faces
+from .scene_bounds import Detail, Survey, face_corners, faces_of, frame_origin, moving_faces, objects_of, sampled_faces
 from .terrain import TERRAIN_TYPE, HeightGrid
 from .triangles import Triangles
 from .units import LengthUnit, checked_unit
@@ -167,6 +167,11 @@ class LookReader(Protocol):
         """Whether `Appearance.pbr` has parameters."""
         ...
 
+    @property
+    def materials(self) -> list[Material]:
+        """The materials of all faces."""
+        ...
+
     def of(self, faces: NDArray[np.integer]) -> Appearance:
         """The appearance of faces, (m,), in this order. Attributes are None if no face of the scene has them."""
         ...
@@ -260,6 +265,11 @@ class SceneData(ABC):
         """`default_picture.framed_points`, as recorded in a store; None: see `sampled_faces`."""
         return None
 
+    @property
+    def detail(self) -> Detail | None:
+        """Where nearly all triangles are, as recorded in a store; None: not recorded, or see `sampled_faces`."""
+        return None
+
     def every(self, step: int, time: float, threads: int | None = None) -> NDArray[np.float32]:
         """(m, 3, 3) float32, recentred: the corners of every step-th face at a time."""
         return self.triangles(time, threads).vertices[::step]
@@ -311,6 +321,11 @@ class SceneData(ABC):
     def cutouts(self) -> Cutouts | None:
         """The faces that let light pass; None: all faces are solid."""
         return None
+
+    @property
+    def lets_light_pass(self) -> bool:
+        """Whether some faces are not solid."""
+        return self.cutouts is not None
 
     def open_faces(self) -> OpenFaceFinder | None:
         """Finds the faces that are not solid, or hidden, as pieces are read; None: there are none."""

@@ -28,12 +28,13 @@ from ...query.query_bounds import morton_codes
 from ...query.ray_list import HitArrays, RayArguments, RayArrays, TracedRays, changed_error, hit_arrays
 from ...query.ray_passes import RayPass, camera_pass, rays_through
 from ...query.shadow_query import Surfaces
-from ...scene.camera import ExplicitRays
+from ...scene.camera import Camera, ExplicitRays
 from ...scene.scene_data import SceneData
 from ...scene.triangles import AllHits, Triangles, concatenate
 from ...store.chunk_residency import Paging, RangeMemory, Residency, TriangleCopies, hit_slots, slot_starts
 from ...store.store_data import StoreData
-from ...store.store_file import FaceRange, Store, top_tree
+from ...store.store_directory import top_tree
+from ...store.store_file import FaceRange, Store
 from ...store.system_resources import MAX_MEMORY, release_freed, resident_memory
 from ...techniques.chcrt.chc_rt import ChcRtRanges, ChcRtState, camera_hits, nearest_hits, ray_hits
 from ...techniques.chcrt.chcrt_tracer import ChcRtTracer
@@ -325,7 +326,7 @@ class Paged:
 
     def warm_up(self) -> None:
         precompile("scenes in a store")
-        if self.store.has_cutouts:
+        if self.scene.has_cutouts:
             precompile("cut-outs")
 
     def begin(self, memory: FrameMemory) -> None:
@@ -410,7 +411,7 @@ class Paged:
 
     @property
     def bounds(self) -> NDArray[np.float32]:
-        return self.store.meta.box
+        return self.scene.box
 
     def paging(self) -> dict[str, int]:
         """Counts of chunks read and evicted in this frame."""
@@ -432,18 +433,24 @@ class Paged:
             passes = [camera_pass(cast(ExplicitRays, camera.view(self.scene.origin)), rows)]
             shape = rows.stop - rows.start, camera.width
             surfaces = next(self._surfaces_hit(passes, shape, progress))
-            self._camera_mark = self.residency.paging.bytes
-            return surfaces
+        else:
+            surfaces = self.see(camera, rows, progress)
+        self._camera_mark = self.residency.paging.bytes
+        return surfaces
+
+    def see(
+        self, camera: Camera, rows: slice, progress: ProgressCallback | None = None, only_solid: bool = False
+    ) -> Surfaces:
+        """The surfaces visible in some rows of a perspective camera; `only_solid`: without cut-outs."""
         rays, signed = camera.rays(self.scene.origin), len(self._ranges) > 1
         trace = lambda _, state: [camera_hits(state, rays, self.threads, progress, rows, signed)]
         triangles, (hits,) = self._first_hits(trace, self.threads)
-        if self.cutouts is not None:
+        if self.cutouts is not None and not only_solid:
             of_band = np.zeros((camera.height, camera.width), np.bool_)
             of_band[rows] = True
             triangles, hits = self._shown(rays_through(rays, of_band, self.threads), hits, triangles)
         gbuffer = from_hits(hits.triangle, hits.t, triangles, rays, self.threads, rows.start)
-        self._camera_mark = self.residency.paging.bytes
-        return Surfaces(gbuffer, triangles, hits.face, self.store.meta.box)
+        return Surfaces(gbuffer, triangles, hits.face, self.scene.box)
 
     def nearest(
         self, passes: Sequence[RayPass], shape: tuple[int, int], by: ChcRtState | None = None
@@ -474,7 +481,7 @@ class Paged:
             if self.cutouts is not None:
                 shown, hit = self._shown(rays, hit, triangles)
             gbuffer = hit_surfaces(rays, hit.triangle.reshape(-1), hit.t.reshape(-1), shape, shown, self.threads)
-            yield Surfaces(gbuffer, shown, hit.face, self.store.meta.box)
+            yield Surfaces(gbuffer, shown, hit.face, self.scene.box)
 
     def _shown(self, rays: RayPass, hits: FirstHits, triangles: Triangles) -> tuple[Triangles, FirstHits]:
         """The triangles and the hits of a pass, with cut-outs where they are nearer."""
@@ -538,7 +545,7 @@ class Paged:
 
     def bodies(self, time: float) -> Bodies:
         """The surfaces as they are drawn: open edges and faces drawn twice would need all of them in memory."""
-        return Bodies(self.store.meta.box, None, lambda rays, threads: self.count_hits(rays, INSIDE, threads), time)
+        return Bodies(self.scene.box, None, lambda rays, threads: self.count_hits(rays, INSIDE, threads), time)
 
     def closest_points(self, points: NDArray[np.float32], time: float, threads: int) -> NoReturn:
         raise InputError(
@@ -639,15 +646,15 @@ class SharedStore:
     def _find_cutouts(self, max_memory: int, threads: int) -> PagedCutouts | None:
         """The cut-outs, which are read once. InputError if they do not fit in `max_memory` bytes."""
         data = self._data
-        if self._cutouts is None and data.store.has_cutouts:
-            if (need := data.store.cutout_bytes() + RESERVED) > max_memory:
+        if self._cutouts is None and data.has_cutouts:
+            if (need := data.cutout_bytes + RESERVED) > max_memory:
                 raise InputError(
                     f"{data.name}: {max_memory >> 20}M of memory is not enough for the faces that let light pass, "
                     f"which take {need >> 20}M; give at least twice as much, or build it with ?cutouts=off"
                 )
-            if data.cutouts is not None:
-                assert data.stored_cutouts is not None
-                self._cutouts = PagedCutouts(data.stored_cutouts, data.origin, threads)
+            stored = data.stored_cutouts
+            if stored is not None and len(stored.cutouts.faces):
+                self._cutouts = PagedCutouts(stored, data.origin, threads)
         return self._cutouts
 
     def flat(self) -> SceneTrees:

@@ -131,11 +131,13 @@ class PrimitiveReader:
         attributes = fields.mapping("attributes", len(accessors))
         mask: NDArray[np.bool_] | None = None
         used: Rows
+        numbers: NDArray[np.int64] | None = None
         if chosen is None:
             faces, mask = self._triangles.faces(accessors)
             used = mask
         else:
-            faces, used = self._triangles.some(accessors, chosen)
+            faces, numbers = self._triangles.some(accessors, chosen)
+            used = numbers
 
         def rows(read: Callable[..., np.ndarray], index: int, *kinds: str) -> np.ndarray:
             if (count := accessors.count(index, *kinds)) != n:
@@ -147,7 +149,7 @@ class PrimitiveReader:
         vertices = rows(accessors.floats, attributes["POSITION"], "VEC3")
         check_finite(vertices, fields.where, used if mask is None else np.flatnonzero(mask))
         colour, look = _appearance(fields, attributes, accessors, rows, faces, self._materials, vertices)
-        mesh = Mesh(self._name, vertices, faces, colour, look)
+        mesh = Mesh(self._name, vertices, faces, colour, look, numbers=numbers)
         is_range = chosen is not None and len(chosen) < self.triangles
         return Primitive(mesh, fields.where, targets, joints, weights, mask, self._place, is_range)
 

@@ -146,7 +146,7 @@ class GltfSource:
             mesh = placed.primitive.mesh
             yield Piece(
                 placed.vertices, mesh.faces, mesh.colour, placed.primitive.where, first=placed.first, look=mesh.look,
-                linear=placed.linear, is_range=placed.primitive.is_range,
+                linear=placed.linear, is_range=placed.primitive.is_range, numbers=mesh.numbers,
             )  # fmt: skip
 
     @property
