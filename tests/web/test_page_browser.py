@@ -613,7 +613,7 @@ def test_a_visitor_walks_and_returns(chromium, written):
     opened.page.wait_for_function(
         f"() => document.querySelector('#scale').getAttribute('style') !== {json.dumps(above[1])}"
     )
-    assert "Escape ends" in opened.page.locator("#help").inner_text()
+    assert "press Escape to stop" in opened.page.locator("#help").inner_text()
     before = opened.page.locator("#picture").screenshot()
     opened.page.keyboard.down("w")
     opened.page.wait_for_timeout(700)
