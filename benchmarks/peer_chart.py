@@ -57,8 +57,8 @@ def chart(bars: dict[str, float]) -> str:
         parts.append(text(0, y + 12, TITLES.get(scene, scene)))
         parts.append(f'<rect x="0" y="{y + 18}" width="{ratio * unit:.1f}" height="{BAR}" rx="2" fill="{ORANGE}"/>')
         parts.append(text(ratio * unit + 6, y + 35, f"{ratio:.1f}"))
-        x = f'x1="{unit:.1f}" x2="{unit:.1f}"'
-        parts.append(f'<line {x} y1="{y + 15}" y2="{y + BAR + 21}" stroke="{GREY}" stroke-dasharray="4 3"/>')
+        ends = f'x1="{unit:.1f}" x2="{unit:.1f}" y1="{y + 15}" y2="{y + BAR + 21}"'
+        parts += [f'<line {ends} stroke="{c}" stroke-width="{w}"/>' for c, w in (("#fff", 4), (GREY, 2))]
     parts.append(text(unit, bottom + 12, f"{PEER} = 1", 13, 'text-anchor="middle"'))
     style = f'font-family="system-ui, sans-serif" fill="{GREY}"'
     head = f'<svg xmlns="http://www.w3.org/2000/svg" width="{WIDTH}" viewBox="0 0 {WIDTH} {height}" {style}>'
