@@ -152,9 +152,8 @@ MakeCase = Callable[[], StoreCase]
 
 def out_of_core(case: MakeCase, pace: Pace, policies: Sequence[str], say: Say) -> Walks:
     """Walkthroughs under each eviction policy, the `method` of its turns."""
-    for view in VIEWS:
-        for policy in policies:
-            yield f"{view}, {policy}", partial(_under_policy, case, view, policy, pace, say)
+    for policy, view in product(policies, VIEWS):
+        yield f"{view}, {policy}", partial(_under_policy, case, view, policy, pace, say)
 
 
 def _under_policy(case: MakeCase, view: str, policy: str, pace: Pace, say: Say) -> Walked:
