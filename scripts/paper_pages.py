@@ -177,7 +177,7 @@ def _span(values: list[Any]) -> str:
     return " to ".join(dict.fromkeys(str(value) for value in values))
 
 
-_SIZES = "size", "primary_size", "lights_size", "timed_size", "frame_size"
+_SIZES = "size", "primary_size", "lights_size", "timed_size", "frame_size", "ablation_size"
 
 
 def conditions(results: dict[str, Any]) -> dict[str, str]:

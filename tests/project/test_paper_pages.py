@@ -212,7 +212,7 @@ def test_verdicts_follow_the_numbers():
 @pytest.mark.parametrize("name", pages.PAPERS)
 def test_claims_have_a_verdict_and_a_reason_if_they_do_not_hold(name):
     rows = claims.all_judged(name, pages.present_results(name))
-    assert len(rows) >= 18 and {row.verdict for row in rows} == {claims.HOLDS, claims.FAILS, claims.UNTRIED}
+    assert len(rows) >= 18 and {row.verdict for row in rows} >= {claims.HOLDS, claims.FAILS}
     for row in rows:
         assert row.claim.section and row.claim.text and "|" not in "".join((row.claim.text, row.ours, row.why))
         assert row.ours or row.verdict == claims.UNTRIED

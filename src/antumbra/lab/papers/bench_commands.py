@@ -434,6 +434,16 @@ class ChcrtOptions(NamedTuple):
         ),
     ] = None
     max_memory: MaxMemoryOption = None
+    in_core: Annotated[
+        float | None,
+        typer.Option(
+            help="Instead of --max-memory: the percentage of the store's chunks that is in memory, beside the rays.",
+            metavar="PERCENT",
+            min=1.0,
+            max=100.0,
+            show_default=False,
+        ),
+    ] = None
     table: Annotated[list[ChcrtTable] | None, table_option()] = None
     plot: Annotated[Path | None, plot_option("the paper's results and ours, bars and curves")] = None
     pictures: Annotated[
@@ -532,8 +542,10 @@ def chc_rt(run: BenchRun, options: ChcrtOptions) -> BenchResult:
     views = scenes.open([str(store)] if store else options.scene, size, run.say) if store or in_memory else []
     with clocked(clock):
         if store is not None:
-            case = StoreCase(walkthroughs.place_of(views[0]), threads, memory)
-            chcrt_measurements.add_out_of_core(case.place.name, case.store.meta.n_triangles, memory, lambda: case, plan)
+            share = None if options.in_core is None else options.in_core / 100
+            case = StoreCase(walkthroughs.place_of(views[0]), threads, memory, share)
+            store_size = case.store.meta.n_triangles, memory, share
+            chcrt_measurements.add_out_of_core(case.place.name, *store_size, lambda: case, plan)
         else:
             for view in views:
                 walkthroughs.check_in_memory(view)
@@ -584,6 +596,8 @@ def _checked_tables(options: ChcrtOptions) -> tuple[ChcrtTable, ...]:
     store, tables = options.store, options.table
     if store is None and options.max_memory is not None:
         raise InputError("--max-memory needs --store")
+    if options.in_core is not None and (store is None or options.max_memory is not None):
+        raise InputError("--in-core needs --store, and no --max-memory")
     if store is not None and options.scene:
         raise InputError("--store and --scene cannot be combined")
     in_memory = IN_CORE if store is None else ()

@@ -164,7 +164,7 @@ def test_variants_of_a_store_have_as_many_frames_as_the_first(place, monkeypatch
 
 def test_bytes_read_are_of_nodes_and_of_geometry(place):
     run = run_of(ChcrtTable.times, ChcrtTable.queries)
-    chcrt_measurements.add_out_of_core("city", 120_000, None, lambda: StoreCase(place, 2), run)
+    chcrt_measurements.add_out_of_core("city", 120_000, None, None, lambda: StoreCase(place, 2), run)
     found, same = chcrt_measurements.rows_of(run.parts)
     turns = found[ChcrtTable.store]
     assert {t.method for t in turns} == {"lru"} and same is None
@@ -329,6 +329,12 @@ def test_the_command_prints_the_tables(cli):
         and 0 < size["bvh"] < size["total"]
         and size["share"] == 1.0
     )
+
+
+def test_a_percentage_of_a_store_is_in_memory(cli):
+    cli("build", "procedural:cellar?triangles=2k", "-o", "small.antumbra", "--quiet")
+    told = cli("bench", "chc-rt", "--store", "small.antumbra", "--in-core", "50", *WALK, "--table", "scenes", "--json")
+    assert [size["share"] for size in told.json()["scenes"]] == [0.5]
 
 
 def test_the_plot_of_a_store(cli, tmp_path):

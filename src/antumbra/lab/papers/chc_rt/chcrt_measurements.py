@@ -214,14 +214,16 @@ def _measured_size(core: Callable[[], InCore]) -> list[SceneSize]:
 _WHOLE_BYTES = 300  # memory per triangle for the whole tree of a store, in both forms of `mapped_tree.MappedTree`
 
 
-def add_out_of_core(scene: str, triangles: int, memory: int | None, case: MakeCase, run: ChcrtRun) -> None:
+def add_out_of_core(
+    scene: str, triangles: int, memory: int | None, share: float | None, case: MakeCase, run: ChcrtRun
+) -> None:
     """Measure a store.
 
     The ordinary tracer is compared if its tree fits in the memory limit.
 
     scene : names the store's parts
     triangles : about the number of its triangles
-    memory : the limit in bytes; None: the default
+    memory, share : see `StoreCase`
     """
     pace, say = run.pace, run.say
     whole = triangles * _WHOLE_BYTES <= (memory or MAX_MEMORY)
@@ -248,7 +250,7 @@ def add_out_of_core(scene: str, triangles: int, memory: int | None, case: MakeCa
             ChcrtTable.aggressive: store_walkthroughs.aggressive_out_of_core(case, pace, say),
             ChcrtTable.ablation: ablate_out_of_core(case, run.ablation_size, pace, say),
         }
-        of_scene = {"memory": memory, "triangles": triangles}
+        of_scene = {"memory": memory, "share": share, "triangles": triangles}
         run.parts.add(ChcrtTable.scenes, scene, lambda: [size_of_store(case())], **of_scene)
         for table, each in walks.items():
             run.add(table, scene, each, **of_scene)
@@ -280,7 +282,7 @@ def add_temporary_store(triangles: int, size: tuple[int, int], run: ChcrtRun) ->
             stack.callback(made.store.close)
             return made
 
-        add_out_of_core(f"store of about {triangles:,} triangles", triangles, None, case, run)
+        add_out_of_core(f"store of about {triangles:,} triangles", triangles, None, IN_CORE_SHARE, case, run)
 
 
 def rows_of(parts: BenchParts) -> tuple[TableRows, bool | None]:
