@@ -130,6 +130,8 @@ CLAIMS: tuple[Claim, ...] = (
         lambda *n: n[::2] == n[1::2],
         "where a wall fills the picture, image order is coherent, and quads of pixels are squares, unlike four "
         "neighbours along a curve: by count, up to 5 % more nodes",
+        "with fewer pixels, more often: in 18 and 19 of 100 frames at 256 x 256, up to 1.8 and 2.2 times as many, "
+        "counted once",
     ),
     Claim(
         "5, Figure 6",
