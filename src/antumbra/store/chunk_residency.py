@@ -10,7 +10,6 @@ from collections import OrderedDict, deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import closing
-from itertools import islice
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -185,14 +184,9 @@ class Residency:
         self._copies.clear()
 
     def _request(self, missing: deque[int], coming: deque[_Read], mark: Mark | None) -> None:
-        """Start reading the next `_LOOKAHEAD` chunks, or as many as fit in the budget.
-
-        At least one is read if none is being traced or read. More would be read before hits can hide them.
-        """
-        self._make_room(islice(missing, max(_LOOKAHEAD - len(coming), 0)), mark)
-        while missing and len(coming) < _LOOKAHEAD:
-            if self._free() < self.max_bytes(missing[0]) and (coming or self._pinned):
-                break
+        """Start reading as many chunks as fit in the budget; at least one if none is being traced or read."""
+        self._make_room(missing, mark)
+        while missing and (self._free() >= self.max_bytes(missing[0]) or not (coming or self._pinned)):
             k = missing.popleft()
             self.pending += self.max_bytes(k)
             coming.append((k, self._reader.submit(self._read, k)))

@@ -13,7 +13,6 @@ import pytest
 
 import antumbra as at
 from antumbra.engine.sources.paged_source import Bands
-from antumbra.engine.sources.source_protocols import CameraView
 from antumbra.engine.store_building import build_store
 from antumbra.picture.frame_request import TimeSample
 from antumbra.picture.renderer import Renderer
@@ -248,23 +247,6 @@ def test_a_limit_on_memory_counts_from_the_next_question_on(city):
     scene.max_memory = 1 << 20
     with pytest.raises(at.InputError, match="1M of memory is not enough"):
         scene.occluded((0, 500, 0), (0, -1, 0))
-
-
-def test_chunks_behind_hits_are_not_read_though_all_would_fit(tmp_path):
-    """Of 400 walls, one behind the other, the camera sees the first."""
-    at_x, at_y = np.meshgrid(np.arange(8.0), np.arange(8.0))
-    low = np.stack([at_x.ravel(), at_y.ravel(), np.zeros(64)], 1) * 100.0 - (400.0, 400.0, 0.0)
-    right, up = (100.0, 0.0, 0.0), (0.0, 100.0, 0.0)
-    wall = np.stack([low, low + right, low + up], 1), np.stack([low + right, low + right + up, low + up], 1)
-    walls = np.concatenate([np.concatenate(wall) - (0.0, 0.0, 1.0 + 20.0 * k) for k in range(400)])
-    path = tmp_path / "walls.antumbra"
-    chunks = build_store([at.Scene.from_arrays(walls.astype(np.float32))], path, chunk=128).chunks
-    renderer, camera = _renderer(path), at.Camera((0, 0, 30), (0, 0, 0), width=SIZE[0], height=SIZE[1])
-    source = renderer.source
-    seen = source.look(CameraView(camera, source.accelerated.triangles, source.accelerated, slice(0, camera.height)))
-    assert (seen.gbuffer.depth < 40.0).all() and (seen.ids >= 0).all()
-    assert source.residency.budget > chunks * source.residency.min_budget() and chunks > 400
-    assert 0 < source.residency.paging.loaded < chunks / 2
 
 
 def test_old_questions_are_forgotten(city):
