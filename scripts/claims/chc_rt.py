@@ -433,8 +433,8 @@ CONDITIONS: tuple[Condition, ...] = (
         f"{max(s['triangles'] for s in r['scenes'] if s != _store(r)) / 1e6:.1f} M triangles in memory (the paper: "
         f"11.7 to 21.5 M) and {_store(r)['triangles'] / 1e6:.1f} M in the store (139 to 350 M), of whose chunks "
         f"{100 * _store(r)['share']:.0f} % are in memory (20 to 47 %). Table 4 was measured in memory, "
-        "Table 5 and the ablation in the city only, and *mapped*, *rival* and *bounces*, which the paper has not, not at "
-        "all: at this size, they take too long."
+        "Table 5 and the ablation in the city only, and *mapped*, *rival* and *bounces*, which the paper has not, not "
+        "at all: at this size, they take too long."
     ),
     "**Frames**: the second of each walkthrough counts, and the first is shown beside it. CHC+RT still traces what the "
     "first frame found visible, which it queries every third frame.",
