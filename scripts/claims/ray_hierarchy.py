@@ -316,8 +316,8 @@ CONDITIONS: tuple[Condition, ...] = (
         f"**Frames**: tracing all 800 by all variants would take {_whole_film(r):.0f} minutes of CPU time, beside "
         "rendering them. With 95 % confidence, the median of all frames lies within "
         f"{_medians(r, 'PreciseSorted')} ms for the precise test with sorting, {_medians(r, 'Precise')} without, and "
-        f"{_medians(r, 'SpheresSorted')} and {_medians(r, 'Spheres')} for spheres: this tells sorted variants apart, not "
-        "the others. Claims about *all* frames were checked in these frames only."
+        f"{_medians(r, 'SpheresSorted')} and {_medians(r, 'Spheres')} for spheres: this tells sorted variants apart, "
+        "not the others. Claims about *all* frames were checked in these frames only."
     ),
     "**True by construction**: the precise test never tests more nodes than spheres, because it also rejects what the "
     "sphere test rejects.",
