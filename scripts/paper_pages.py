@@ -4,7 +4,7 @@
     python scripts/paper_pages.py --check
     python scripts/paper_pages.py --fronts
 
-Results must be of whole runs (without --quick, at least three rounds or frames asked for and measured) of the present
+Results must be of whole runs (without --quick, at least three rounds measured, or frames asked for) of the present
 kernels. Those that are not are refused, and benchmarks without results in FOLDER keep their pages. A page states the
 date, load and rounds of each table, and which tables and rows were measured less. The results themselves are copied to
 docs/papers/results/, from which `document_numbers.py` then updates the numbers in the documents.
@@ -177,7 +177,7 @@ def _span(values: list[Any]) -> str:
     return " to ".join(dict.fromkeys(str(value) for value in values))
 
 
-_SIZES = "size", "primary_size", "lights_size", "timed_size", "frame_size"
+_SIZES = "size", "primary_size", "lights_size", "timed_size", "frame_size", "ablation_size"
 
 
 def conditions(results: dict[str, Any]) -> dict[str, str]:
