@@ -18,7 +18,7 @@ from .sources.cutout_hits import of_valid
 from .sources.source_protocols import Bodies
 
 _FEW = 64  # points whose rays are traced by one call
-_MANY = 4096  # points of which those that columns leave undecided are collected, before their rays are traced
+_MANY = 1 << 15  # points of which those that columns leave undecided are collected, before their rays are traced
 
 _NOTE = "contains: "
 

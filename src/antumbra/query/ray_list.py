@@ -44,11 +44,11 @@ class RayList(NamedTuple):
 
     origins: Operand
     directions: Operand  # targets, for segments
-    n: int
     tmin: Number
     tmax: Number
     skip: Number
     frame: tuple[float, float, float]  # world position of the origin of the scene's frame
+    n: int
     cull_faces: int  # a value of CULL_FACES
     segments: bool  # directions are targets: the rays are segments
 
@@ -106,10 +106,10 @@ _NONE = HitArrays(*(np.empty(0, dtype) for dtype in (np.bool_, np.int32, np.floa
 _NO_HITS = _NONE[1:]
 _HITS = ArgumentForm(_NONE)
 _POINTS, _NUMBERS, _ORIGIN = Operand(0, 0, 0, 0), Number(0, 0, 0, 0.0), (0.0, 0.0, 0.0)
-NO_RAYS = RayList(_POINTS, _POINTS, 0, _NUMBERS, _NUMBERS, _NUMBERS, _ORIGIN, 0, False)
+NO_RAYS = RayList(_POINTS, _POINTS, _NUMBERS, _NUMBERS, _NUMBERS, _ORIGIN, 0, 0, False)
 _RAYS = ArgumentForm(NO_RAYS)
-_OPERAND, _NUMBER, _ROWS, _WHOLE, _GENERAL = (
-    struct_of(flatten(each)[0]) for each in (_POINTS, _NUMBERS, (*_POINTS, *_POINTS, 0), (0,), (*_ORIGIN, 0, False))
+_OPERAND, _NUMBER, _ROWS, _FRAME, _REST = (
+    struct_of(flatten(each)[0]) for each in (_POINTS, _NUMBERS, (*_POINTS, *_POINTS), _ORIGIN, (0, 0, False))
 )
 _HIT_STRUCT = struct_of(flatten((_NONE,))[0])
 _BOOLS, _NO_HIT_WORDS = (
@@ -177,15 +177,14 @@ class RayArguments(NamedTuple):
         o, d, tmin, tmax, skip, shape, facing, segments, frame, _ = self
         shared = type(tmin) is type(tmax) is type(skip) is float
         if shared and len(shape) == 1 and _are_rows(o, *shape) and _are_rows(d, *shape):
-            rows = _ROWS.pack(
-                address_of(o), *o.strides, o.itemsize == 8, address_of(d), *d.strides, d.itemsize == 8, *shape
-            )
-            return rows + _shared_words(tmin, tmax, skip, frame, facing, segments), (o, d)
+            rows = _ROWS.pack(address_of(o), *o.strides, o.itemsize == 8, address_of(d), *d.strides, d.itemsize == 8)
+            numbers = _shared_words(tmin, tmax, skip, frame)  # type: ignore[arg-type]
+            return rows + numbers + _REST.pack(*shape, facing, segments), (o, d)
         (o, origins), (d, directions) = _operand(o, shape), _operand(d, shape)
         (tmin, begin), (tmax, end) = _number(tmin, shape), _number(tmax, shape)
         skip, face = _number(skip, shape, _I32)
-        general = _GENERAL.pack(*frame, facing, segments)
-        words = b"".join((origins, directions, _WHOLE.pack(prod(shape)), begin, end, face, general))
+        general = _FRAME.pack(*frame) + _REST.pack(prod(shape), facing, segments)
+        words = b"".join((origins, directions, begin, end, face, general))
         return words, (o, d, tmin, tmax, skip)
 
     def arrays(self) -> "RayArrays":
@@ -306,12 +305,10 @@ def _are_rows(array: np.ndarray, n: int) -> bool:
 
 
 @lru_cache(64)
-def _shared_words(
-    tmin: float, tmax: float, skip: float, frame: tuple[float, float, float], facing: int, segments: bool
-) -> bytes:
-    """The words of a `RayList` after `n`, where all rays share its numbers."""
+def _shared_words(tmin: float, tmax: float, skip: float, frame: tuple[float, float, float]) -> bytes:
+    """The words of a `RayList` from `tmin` to `frame`, where all rays share its numbers."""
     numbers = (_NUMBER.pack(0, 0, False, each) for each in (tmin, tmax, skip))
-    return b"".join((*numbers, _GENERAL.pack(*frame, facing, segments)))
+    return b"".join((*numbers, _FRAME.pack(*frame)))
 
 
 def _operand(array: np.ndarray, shape: tuple[int, ...]) -> tuple[np.ndarray, bytes]:
