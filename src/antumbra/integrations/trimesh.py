@@ -327,7 +327,7 @@ def _are_ordinary(origins: NDArray[Any], directions: NDArray[Any]) -> bool:
     if not len(origins):
         return True
     low, high = _ORDINARY
-    if not (np.vdot(origins, origins) <= _LARGEST**2 and np.vdot(directions, directions) <= high**2):
+    if not (float(np.vdot(origins, origins)) <= _LARGEST**2 and float(np.vdot(directions, directions)) <= high**2):
         return False
     return bool(np.einsum("ij,ij->i", directions, directions).min() >= low**2)  # without a dtype, five times as fast
 

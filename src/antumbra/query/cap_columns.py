@@ -52,21 +52,32 @@ def cap_columns(corners: NDArray[np.float32], axis: NDArray[np.floating], box: N
     axis : (3,), the first direction
     box : (2, 3), bounds of the points and of the caps
     """
-    directions, margin = all_directions(axis), max(_MARGIN * float(np.abs(box).max()), 1e-30)
+    unknown, margin = unknown_columns(axis), max(_MARGIN * float(np.abs(box).max()), 1e-30)
     pieces = _pieces(corners, float(np.ptp(box, axis=0).max()))
-    ends = [(k, other) for k in range(ALL) if (other := _opposite(directions, k)) > k]
     frames, starts = np.empty((LINES, 3, 3)), np.zeros((LINES, 3))
     depths = np.empty((LINES, SIDE, SIDE, 2), np.float32)
-    for line, (k, _) in enumerate(ends):
-        frame = np.stack([*_across(directions[k]), directions[k]]).astype(np.float64)
+    for line, (k, _) in enumerate(unknown.ends):
+        along = unknown.directions[k]
+        frame = np.stack([*_across(along), along]).astype(np.float64)
         places = (pieces.reshape(-1, 3) @ frame.T).reshape(-1, 3, 3)
-        low, high = places.min(axis=1) - margin, places.max(axis=1) + margin
+        low, high = _extremes(places)
+        low, high = low - margin, high + margin
         first, extent = low.min(axis=0)[:2], np.ptp([low.min(axis=0), high.max(axis=0)], axis=0)[:2]
         scale = (SIDE - 2) / extent
         frames[line], starts[line, :2] = frame * [[scale[0]], [scale[1]], [1.0]], 1.0 - first * scale
         begin, end = ((1 + (each[:, :2] - first) * scale).astype(np.int64).clip(1, SIDE - 2) for each in (low, high))
         depths[line] = _entered(begin, end, np.stack([low[:, 2], high[:, 2]], axis=1))
-    return CapColumns(directions, np.array(ends), frames.astype(np.float32), starts.astype(np.float32), depths)
+    return unknown._replace(frames=frames.astype(np.float32), starts=starts.astype(np.float32), depths=depths)
+
+
+def unknown_columns(axis: NDArray[np.floating]) -> CapColumns:
+    """Columns in which caps may be anywhere; axis : (3,), the first direction."""
+    directions = all_directions(axis)
+    ends = [(k, other) for k in range(ALL) if (other := _opposite(directions, k)) > k]
+    depths = np.empty((LINES, SIDE, SIDE, 2), np.float32)
+    depths[:] = -np.inf, np.inf
+    frames, starts = np.zeros((LINES, 3, 3), np.float32), np.zeros((LINES, 3), np.float32)
+    return CapColumns(directions, np.array(ends), frames, starts, depths)
 
 
 def _pieces(corners: NDArray[np.float32], extent: float) -> NDArray[np.float64]:
@@ -76,7 +87,7 @@ def _pieces(corners: NDArray[np.float32], extent: float) -> NDArray[np.float64]:
     """
     pieces, most = corners.astype(np.float64), len(corners) + _MANY
     for parts in _PARTS:
-        while (large := (np.ptp(pieces, axis=1) > extent / parts).any(axis=1)).any():
+        while (large := np.subtract(*_extremes(pieces)[::-1]).max(axis=1) > extent / parts).any():
             a = pieces[large]
             if len(pieces) + 3 * len(a) > most:
                 return pieces
@@ -84,6 +95,12 @@ def _pieces(corners: NDArray[np.float32], extent: float) -> NDArray[np.float64]:
             inner = [np.stack([a[:, k], middles[:, k], middles[:, k - 1]], axis=1) for k in range(3)]
             pieces = np.concatenate([pieces[~large], middles, *inner])
     return pieces
+
+
+def _extremes(triangles: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(n, 3) each: the least and greatest coordinates of (n, 3, 3); several times as fast as along an axis of three."""
+    a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
+    return np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
 
 
 def _opposite(directions: NDArray[np.float32], k: int) -> int:
@@ -107,20 +124,24 @@ def _entered(begin: NDArray[np.int64], end: NDArray[np.int64], ranges: NDArray[n
     """
     level = np.zeros(len(begin), np.int64)
     for k in range(_LEVELS):
-        level[((end >> k) - (begin >> k) >= _WIDE).any(axis=1)] = k + 1
+        wide = (end >> k) - (begin >> k) >= _WIDE
+        level[wide[:, 0] | wide[:, 1]] = k + 1
     found = np.empty((0, 0, 2))
-    for k in reversed(range(_LEVELS)):
-        coarser, found = found, np.full((SIDE >> k, SIDE >> k, 2), (np.inf, -np.inf))
+    for k in reversed(range(int(level.max()) + 1)):
+        coarser, side = found, SIDE >> k
+        found = np.full((side, side, 2), (np.inf, -np.inf))
         if coarser.size:
             found[:] = coarser.repeat(2, axis=0).repeat(2, axis=1)
         which = np.flatnonzero(level == k)
         low, size = begin[which] >> k, (end[which] >> k) - (begin[which] >> k) + 1
         counts = size.prod(axis=1)
         cap = np.repeat(np.arange(len(which)), counts)
-        place = np.arange(len(cap)) - np.repeat(np.cumsum(counts) - counts, counts)
-        rows, columns = low[cap, 0] + place // size[cap, 1], low[cap, 1] + place % size[cap, 1]
-        np.minimum.at(found[..., 0], (rows, columns), ranges[which[cap], 0])
-        np.maximum.at(found[..., 1], (rows, columns), ranges[which[cap], 1])
+        row, column = np.divmod(np.arange(len(cap)) - np.repeat(np.cumsum(counts) - counts, counts), size[cap, 1])
+        cells = (low[cap, 0] + row) * side + low[cap, 1] + column
+        for end_, reduce in enumerate((np.minimum, np.maximum)):
+            depths = found[..., end_].ravel()  # contiguous, as `at` is fast only there
+            reduce.at(depths, cells, ranges[which[cap], end_])
+            found[..., end_] = depths.reshape(side, side)
     for rim in (found[0], found[-1], found[:, 0], found[:, -1]):  # beyond all caps, but not beyond coarser columns
         rim[:] = np.inf, -np.inf
     return found.astype(np.float32)

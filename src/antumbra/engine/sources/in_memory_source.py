@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from ...base.errors import InputError
 from ...base.forks import is_stuck, renew_after_fork
-from ...query.cap_columns import cap_columns
 from ...query.closed_surfaces import closed_surfaces
 from ...query.pixel_refinement import subpixel_rays
 from ...query.query_bounds import triangle_box
@@ -194,7 +193,7 @@ class RayLists:
         """
         n = len(corners)
         caps = Triangles(corners, origin, np.arange(n, dtype=np.int32), np.ones((n, 3), np.float32))
-        return Caps(self._tracer_of(caps), cap_columns(corners, along, box))
+        return Caps(self._tracer_of(caps), corners, along, box)
 
     def _count_insides(self, rays: RayArguments, threads: int) -> NDArray[np.int64]:
         return self.count_hits(rays, INSIDE, threads)

@@ -37,7 +37,7 @@ from ...kernels.simd import (
     store,
     to_i32,
 )
-from ...query.cap_columns import ALL, AXES, LINES, SIDE, CapColumns
+from ...query.cap_columns import ALL, AXES, LINES, SIDE, CapColumns, cap_columns, unknown_columns
 from ...query.ray_list import RayArguments
 from .all_hits import INSIDE, ON_SURFACE, HitSink, walk_batch
 from .ray_batches import RayTracer, read_batch, run_batches
@@ -63,6 +63,7 @@ OUTSIDE, WITHIN, ON_CAP, UNDECIDED = range(4)
 _RAYS = BLOCKS * LANES
 _ROWS, _PRECISE = BLOCKS * BLOCK_WORDS, BLOCKS * PRECISE_WORDS
 _CHUNK = 16  # batches that a thread takes at a time
+_COLUMNS_PAY = 200_000  # points that save as much time by columns as these take to make
 _FIRST, _LAST = np.float32(0.0), np.float32(SIDE - 1)  # columns
 _AWAY = AXES + (ALL - AXES) // 2  # diagonals before this one lead away from most caps
 _ORDER = (0, *range(AXES, _AWAY), *range(1, AXES), *range(_AWAY, ALL))  # in which rays are traced
@@ -287,11 +288,30 @@ def _vote(ticket, wide, rays, election, columns, traces, verdicts, faults):
             verdicts[b * _RAYS + i] = verdict | ((undecided >> i) & 1) * UNDECIDED
 
 
-class Caps(NamedTuple):
-    """Triangles that close the surfaces of a scene."""
+class Caps:
+    """Triangles that close the surfaces of a scene. Their columns are made once points have taken as long (ski rental).
 
-    tracer: RayTracer
-    columns: CapColumns  # of the box that bounds the scene, and of the first rays' direction
+    corners : (n, 3, 3) float32, the triangles that `tracer` traces
+    along : (3,), the direction of first rays
+    box : (2, 3) float32, bounds of the scene
+    """
+
+    def __init__(
+        self,
+        tracer: RayTracer,
+        corners: NDArray[np.float32],
+        along: NDArray[np.floating],
+        box: NDArray[np.float32],
+    ) -> None:
+        self._tracer, self._corners, self._along, self._box = tracer, corners, along, box
+        self._columns, self._is_made, self._points = unknown_columns(along), False, 0
+
+    def _columns_for(self, points: int) -> CapColumns:
+        """The columns for a number of points."""
+        self._points += points
+        if not self._is_made and self._points >= _COLUMNS_PAY:
+            self._columns, self._is_made = cap_columns(self._corners, self._along, self._box), True
+        return self._columns
 
     def verdicts(
         self, rays: RayArguments, election: Election, traces: bool, threads: int | None = None
@@ -302,6 +322,6 @@ class Caps(NamedTuple):
         """
         n, faults = rays.n, np.zeros(1, np.bool_)
         verdicts, ticket = np.empty(n, np.uint8), new_ticket(-(-n // _RAYS), _CHUNK)
-        args = self.tracer.tree, rays.packed(), election, self.columns, traces, verdicts, faults
+        args = self._tracer.tree, rays.packed(), election, self._columns_for(n), traces, verdicts, faults
         run_batches(_vote, threads, ticket, *args)
         return None if faults[0] else verdicts
