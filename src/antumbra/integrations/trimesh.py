@@ -327,7 +327,9 @@ def _are_ordinary(origins: NDArray[Any], directions: NDArray[Any]) -> bool:
     if not len(origins):
         return True
     low, high = _ORDINARY
-    if not (float(np.vdot(origins, origins)) <= _LARGEST**2 and float(np.vdot(directions, directions)) <= high**2):
+    # not `vdot`, whose threads stay busy for a while, and take the cores from rays
+    sums = [float(np.einsum("ij,ij->", each, each)) for each in (origins, directions)]
+    if not (sums[0] <= _LARGEST**2 and sums[1] <= high**2):
         return False
     return bool(np.einsum("ij,ij->i", directions, directions).min() >= low**2)  # without a dtype, five times as fast
 
