@@ -115,7 +115,8 @@ _BAND_BYTES = 40  # surfaces of bands, while they are concatenated
 _SMOOTH_BYTES = 64
 _EDGE_BYTES = 40  # smoothed edges: their boundaries, and the shares of neighbours
 _FINER_BYTES = 96  # refined penumbrae
-_GROUND_BYTES = 160  # rays to the ground, points on it in both precisions, and its shares
+_GROUND_BYTES = 64  # points on the ground, and its shares; beyond what the passes before it have freed
+_GROUND_HIT_BYTES = 160  # rays to the ground, and points on it in both precisions
 PATH_BYTES = 24  # the light that arrives along a path, until it is added to the pixel's
 SHARE_BYTES = 12  # of the light at a hit, which arrives at the pixel
 _BOUNCE_BYTES = 80
@@ -127,8 +128,9 @@ _EDGES = 4  # one pixel in four is assumed to be an edge pixel
 def frame_memory(request: Request) -> FrameMemory:
     """Estimate the memory of a frame."""
     pixels, bytes_ = request.camera.width * request.camera.height, _PICTURE_BYTES + _BAND_BYTES
-    lights = sum(LIGHT_BYTES + 16 * (-(-samples.shape[1] // 64)) for samples in request.samples)
-    bytes_ += lights if request.ground is None else 2 * lights + _GROUND_BYTES
+    words = [-(-samples.shape[1] // 64) for samples in request.samples]
+    bytes_ += sum(LIGHT_BYTES + 16 * n for n in words)
+    bytes_ += 0 if request.ground is None else _GROUND_BYTES + sum(4 + 8 * n for n in words)
     bytes_ += _SMOOTH_BYTES * request.smooth + PASS_BYTES * request.camera.listed
     bytes_ += _EDGE_BYTES * request.options.smooths_edges
     cells = sum(CELL_BYTES * ray_set_count(light, samples) for light, samples in zip(request.lights, request.samples))
@@ -152,7 +154,7 @@ def group_bytes(request: Request) -> int:
 def edge_bytes(request: Request) -> int:
     """Bytes for the sub-pixels of one edge pixel."""
     lights = LIGHT_BYTES * len(request.lights)
-    ground = 0 if request.ground is None else _GROUND_BYTES + lights
+    ground = 0 if request.ground is None else _GROUND_HIT_BYTES + lights
     return SUBPIXELS * (PASS_BYTES + SURFACE_BYTES + _PICTURE_BYTES // 2 + lights + ground)
 
 
