@@ -216,6 +216,14 @@ def shot_fields(spec: "PictureSpec", shot: "Shot") -> Iterator[tuple[str, str]]:
                 f"{paging['loaded']:,} were read ({paging['bytes'] / 1e6:,.0f} MB)"
             ),
         )
+        if "device_wanted" in paging:
+            yield (
+                "on the device",
+                (
+                    f"{paging['device_kept']:,} of {paging['device_wanted']:,} chunks were there when needed, "
+                    f"{paging['device_uploaded']:,} were uploaded ({paging['device_bytes'] / 1e6:,.0f} MB)"
+                ),
+            )
 
 
 def view_fields(shot: "Shot", speed: float | None = None) -> Iterator[tuple[str, str]]:
@@ -317,7 +325,7 @@ def print_choices(shot: "Shot", scene: "AnyScene") -> None:
 
 def _print_device(scene: "AnyScene", plan: str) -> None:
     """Print what a device traced, and what the CPU did for it."""
-    from ..devices.device_list import CPU, default_device
+    from ..devices.device_list import CPU, default_device, parse_device
     from ..engine.device_plans import traces_on_device
     from ..engine.plan import parse_plan
 
@@ -326,7 +334,8 @@ def _print_device(scene: "AnyScene", plan: str) -> None:
         besides = "what the camera sees, and the few shadow rays that need exact arithmetic"
         print(f"The device {device} traced the shadow rays; the CPU traced {besides}.")
     elif default_device() not in (None, CPU) and not traces_on_device(scene.data):
-        print("Devices do not trace stores yet; the CPU traced everything.")
+        full = ":".join(map(str, parse_device(default_device() or CPU)))
+        print(f"The CPU traced everything; by the plan bsah+chcrt+device:{full}, the device traces shadow rays.")
 
 
 def _print_instances(scene: "AnyScene", plan: str) -> None:

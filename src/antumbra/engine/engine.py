@@ -164,7 +164,7 @@ class Engine(RayQueries):
         self.terrain: TerrainShadows | None = None
         self._device_rays: DeviceRayLists | None = None
         chooses = str(self.plan) == DEFAULT_PLAN
-        if self.plan.device is not None and not (data.instanced and self.source.geometry is None):
+        if self.plan.device is not None and data.resident and not (data.instanced and self.source.geometry is None):
             from .sources import device_ray_lists  # imported late: most engines use no device
 
             self._rays = self._device_rays = device_ray_lists.DeviceRayLists(shared.flat(), self.accelerator)

@@ -10,7 +10,7 @@ both would read every chunk. The chunks of a band fit in memory, so its shadow r
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property, partial
-from typing import ClassVar, NamedTuple, NoReturn, cast
+from typing import Any, ClassVar, NamedTuple, NoReturn, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +46,7 @@ from ...trace.rays.local_rays import local_pass, local_rays
 from ...trace.rays.ray_hits import hit_surfaces
 from ...trace.tree_list import Hits
 from ..accelerator import Accelerated, Accelerator, SceneTrees
+from ..device_tracers import device_tracer
 from ..plan import Plan
 from ..precompilation import precompile
 from ..primary_visibility import RAYS
@@ -221,6 +222,7 @@ _CHUNKS_AT_ONCE = 256  # chunks whose triangles are numbered together
 _NO_SLOTS = np.empty(0, np.int64)
 BAND_FACTOR = 4  # bands pay off if a frame reads more than this multiple of the budget: neighbours share some chunks
 RESERVED = 48 << 20  # bytes reserved for small allocations
+DEVICE_CHUNKS = 8 << 30  # bytes of chunks on a device, at most
 
 
 def _no_hits_of(n: int, any_hit: bool, store: Store) -> HitArrays:
@@ -270,6 +272,7 @@ class Paged:
         find_cutouts: Callable[[int, int], PagedCutouts | None],
     ):
         plan, max_memory = accelerator.plan, settings.max_memory
+        self._device = plan.device
         tracer, builds = plan.tracer, plan.cull or plan.optimise or plan.update or plan.build != Plan().build
         if builds or not isinstance(tracer, ChcRtTracer):
             raise InputError(
@@ -291,6 +294,30 @@ class Paged:
         scheduled = states[0] if store.ranges[0].is_all else ChcRtRanges(states, numbers)
         self._ranges = list(zip(store.ranges, states))
         self._scheduled, self._find_cutouts = scheduled, find_cutouts
+        self._start_traffic: Any = None  # the counts of the device when the frame began
+
+    @cached_property
+    def on_device(self) -> Any:
+        """The chunks in the memory of a device: a `techniques.chcrt.device_residency.DeviceResidency`.
+
+        None: the plan names no device. It is opened when the first frame begins.
+        """
+        return None if self._device is None else self._open_device(self._device)
+
+    def _open_device(self, name: str) -> Any:
+        from ...techniques.chcrt.device_parts import OnDeviceParts  # imported late: most engines use no device
+        from ...techniques.chcrt.device_residency import DeviceResidency
+        from ...trace.device.tree_list_tracer import TiledTracer
+
+        store, host, device = self.store, self.residency, device_tracer(name).device
+        budget = min(DEVICE_CHUNKS, device.room() * 3 // 4)
+        if device.in_host_memory:
+            budget = min(budget, self.max_memory // 8)
+        there, tracer = DeviceResidency(device, host, host.tree, len(store), budget), TiledTracer(device)
+        for each, state in self._ranges:
+            memory = there if each.is_all else RangeMemory(there, each.chunks)
+            state.on_device = OnDeviceParts(tracer, state.parts._replace(trees=there.trees[each.chunks], memory=memory))
+        return there
 
     @cached_property
     def cutouts(self) -> PagedCutouts | None:
@@ -335,6 +362,9 @@ class Paged:
         self.residency.begin_question()  # before memory is measured
         release_freed()
         prepared = self.accelerated.prepared  # the cut-outs are read before memory is measured
+        if self.on_device is not None:
+            self._start_traffic = self.on_device.traffic
+            self.on_device.trim()
         free = self._budget_with_looks(memory)
         together, cells = min(free // 2, memory.passes), min(free // 8, memory.cells)
         self._joint_budget, prepared.room = together, cells
@@ -414,10 +444,14 @@ class Paged:
         return self.scene.box
 
     def paging(self) -> dict[str, int]:
-        """Counts of chunks read and evicted in this frame."""
+        """Counts of chunks read and evicted in this frame; of those on a device, by ``device_`` and their names."""
         now, before = self.residency.paging, self._start_paging
         assert before is not None
-        return {name: a - b for name, a, b in zip(now._fields, now, before)}
+        counts = {name: a - b for name, a, b in zip(now._fields, now, before)}
+        if self.on_device is not None:
+            there, begun = self.on_device.traffic, self._start_traffic
+            counts |= {f"device_{name}": a - b for name, a, b in zip(there._fields, there, begun)}
+        return counts
 
     def bands(self, height: int) -> Iterator[slice]:
         budget = self.residency.budget
