@@ -100,7 +100,7 @@ def test_a_query_of_rays_reaches_its_kernel_in_five_calls():
         "Engine._any_hit",
         "RayLists.trace_rays",
         "RayTracer.trace",
-        "kernel.__call__",
+        "kernel.of_words",
     ]
 
 
