@@ -115,7 +115,7 @@ def _solid(beam, corners):
     return volume > 2.0**-10 * size * size * np.abs([a, b, c]).max((0, 2))
 
 
-@pytest.mark.parametrize(("receivers", "share"), [("a wide cone", 0.9), ("all around", 0.9), ("a plane", 0.7)])
+@pytest.mark.parametrize("receivers, share", [("a wide cone", 0.9), ("all around", 0.9), ("a plane", 0.7)])
 def test_planes_decide_nearly_all(receivers, share):
     """Nearly all rays are decided without an exact test, unless the triangle is degenerate as seen from the light.
 
