@@ -154,3 +154,17 @@ def test_what_int32_cannot_number_is_refused(tmp_path, monkeypatch):
         at.from_trees(plants(), scene=stored)
     with pytest.raises(at.InputError, match="a store cannot be used for this"):
         extended_store.ExtendedStoreData.source.fget(stored.data)
+
+
+def test_a_limit_that_is_raised_later_counts_for_the_store_below(tmp_path):
+    at.build_store(town(), tmp_path / "a.antumbra", chunk=16)
+    below = at.load(tmp_path / "a.antumbra")
+    joined = at.from_trees(plants(), scene=below)
+    below.max_memory = 1
+    assert len(joined.data.corners()) == joined.n_triangles
+    joined.max_memory = 1
+    with pytest.raises(at.InputError, match="raise max_memory"):
+        joined.data.corners()
+    joined.max_memory = None
+    copied = pickle.loads(pickle.dumps(joined))
+    assert len(copied.data.corners()) == len(joined.data.corners()) == joined.n_triangles

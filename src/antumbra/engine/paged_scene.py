@@ -52,14 +52,19 @@ class PagedScene(AnyScene):
             self.data.max_memory, self._engine = size, None
 
     def _views(self) -> "SceneViews":
-        from .engine import Engine
-        from .sources.paged_source import Paged
+        from .sources.paged_source import RESERVED, Paged
         from .sources.paged_views import ViewsInStore
 
-        limit = min(self.max_memory or MAX_MEMORY, resident_memory() + _VIEW_MEMORY)
-        source = Engine(self, None, None, limit).source
+        engine = self.engine
+        source = engine.source
         assert isinstance(source, Paged)
-        return ViewsInStore(source)
+        with engine.lock:
+            source.release()
+        needed = self.data.cutout_bytes + RESERVED + _VIEW_MEMORY
+        limit = min(self.max_memory or MAX_MEMORY, resident_memory() + needed)
+        views = engine.with_options(None, None, limit).source
+        assert isinstance(views, Paged)
+        return ViewsInStore(views)
 
     def refusal(self) -> InputError:
         """The error raised by methods that need all triangles."""

@@ -49,7 +49,9 @@ class ExtendedStoreData(StoreData):
     """
 
     def __init__(self, below: StoreData, more: MemoryData, name: str):
-        self.__dict__.update(copy(below).__getstate__())
+        below = copy(below)
+        self.__dict__.update(below.__getstate__())
+        self.__dict__.pop("max_memory", None)  # a property here
         check_one_range(name, below.n_triangles + more.n_triangles)
         self._below, self._corners, self.name = below, more.corners(), name
         self.notes = (*below.notes, *more.notes)
@@ -59,6 +61,15 @@ class ExtendedStoreData(StoreData):
         (low, high), (lower, upper) = below.bounds, more.bounds
         self.bounds = np.stack([np.minimum(low, lower), np.maximum(high, upper)])
         self._faces, self._more_cutouts = _faces_of(more, self.origin), more.cutouts
+
+    @property
+    def max_memory(self) -> int | None:
+        """The limit of the store below, which reads its own faces by it."""
+        return self._below.max_memory
+
+    @max_memory.setter
+    def max_memory(self, size: int | None) -> None:
+        self._below.max_memory = size
 
     @property
     def n_triangles(self) -> int:

@@ -84,3 +84,25 @@ def test_images_leave_no_chunk_in_memory(tmp_path, monkeypatch):
     )
     assert at.load(tmp_path / "a.antumbra").view.room is not None
     assert len(sources) == 1 and sources[0].residency.held == 0 and sources[0].residency.paging.loaded > 0
+
+
+def test_images_take_the_chunks_of_the_scene_and_have_room_for_all_cut_outs(tmp_path, monkeypatch):
+    scene = SCENES["room"]()
+    at.build_store(scene, tmp_path / "a.antumbra", chunk=64)
+    store = at.load(tmp_path / "a.antumbra")
+    store.max_memory = 16 << 30
+    points = np.random.default_rng(0).uniform(*scene.bounds, (2000, 3))
+    blocked = store.occluded(points, points[::-1] - points)
+    source = store.engine.source
+    assert source.residency.held > 0
+    monkeypatch.setattr(type(store.data), "cutout_bytes", property(lambda self: 4 << 30))
+    limits, make = [], paged_views.ViewsInStore.__init__
+    monkeypatch.setattr(
+        paged_views.ViewsInStore,
+        "__init__",
+        lambda self, views: (limits.append((views.max_memory, source.residency.held)), make(self, views))[1],
+    )
+    assert store.view.room is not None
+    ((limit, held),) = limits
+    assert limit > 4 << 30 and held == 0
+    np.testing.assert_array_equal(store.occluded(points, points[::-1] - points), blocked)

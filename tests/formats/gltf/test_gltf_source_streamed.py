@@ -204,7 +204,10 @@ def corners_in_floats() -> Gltf:
 
 
 DAMAGED = {
-    "a missing vertex": (damaged(lambda points, faces: faces.__setitem__((177, 1), 999)), "face 177 uses the vertices "),
+    "a missing vertex": (
+        damaged(lambda points, faces: faces.__setitem__((177, 1), 999)),
+        "face 177 uses the vertices ",
+    ),
     "not a number": (damaged(lambda points, faces: points.__setitem__((faces[60, 0], 1), np.nan)), ": vertex "),
     "a buffer that is cut": (cut_buffer(), "the data is cut short"),
     "too few normals": (other_count("NORMAL"), "309 positions but 90 of another attribute"),
