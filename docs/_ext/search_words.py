@@ -15,6 +15,7 @@ PAGES = {
     "sky view factor": "jobs/sun", "view factor": "jobs/view-factors",
     "terrain": "terrain", "qgis": "maps", "cityjson": "cities", "gpu": "gpu", "cuda": "gpu", "opencl": "gpu",
     "dataset": "jobs/dataset", "jupyter": "notebook", "colab": "notebook", "error": "errors",
+    "wrong": "wrong-elsewhere", "acne": "wrong-elsewhere", "leak": "wrong-elsewhere",
 }  # fmt: skip
 """Word -> page."""
 
