@@ -52,6 +52,7 @@ napoleon_use_ivar = True
 default_role = "py:obj"  # names in backticks of docstrings become links
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
+smartquotes_action = "qe"  # quotes and ellipses; two hyphens begin an option
 
 bibtex_bibfiles = ["REFERENCES.bib"]
 bibtex_default_style = "author-year"

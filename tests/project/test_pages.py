@@ -321,6 +321,18 @@ def test_long_commands_break_before_options_and_remain_the_same_command(extensio
     assert broken("antumbra render") == "antumbra render" and broken(f"{long}  # why") == f"{long}  # why"
 
 
+def test_options_and_dates_of_commands_stay_whole_on_narrow_screens(extension):
+    keep = extension("long_commands").keep_whole
+    shell = '<div class="highlight-sh notranslate"><pre>a --step <span class="m">2026</span>-03-21 {}</pre></div>'
+    end, next_line = "\n", '<span class="w">    </span>'
+    page = keep(shell.format(f'<span class="se">\\</span>{end}{next_line}b &#39;c-d&#39; {"e-" * 40}') + "<p>f-g</p>")
+    assert re.findall('<span class="whole">(.*?)</span>', page) == ["--step", "-03-21", "&#39;c-d&#39;"]
+    assert f'<span class="continued"><span class="se">\\</span>{end}{next_line}</span>b' in page
+    assert page.endswith("<p>f-g</p>")
+    assert keep('<span class="pre">--up</span>') == '<span class="pre whole">--up</span>'
+    assert keep(f'<span class="pre">{"g" * 40}</span>') == f'<span class="pre">{"g" * 40}</span>'
+
+
 def test_links_have_texts():
     for page in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]:
         assert "_build" in page.parts or "[](" not in page.read_text(encoding="utf-8"), page
