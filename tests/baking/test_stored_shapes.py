@@ -57,6 +57,7 @@ def test_the_file_is_that_of_the_scene_in_memory(tmp_path, options):
     paged = at.bake(stored(tmp_path, scene), tmp_path / "paged.glb", **options)
     assert (tmp_path / "whole.glb").read_bytes() == (tmp_path / "paged.glb").read_bytes()
     assert whole.mean == paged.mean and whole.rays == paged.rays and whole.hidden == paged.hidden
+    assert "smooth across edges" in paged.notes[0] and paged.notes[1:] == whole.notes
 
 
 @pytest.mark.parametrize(

@@ -24,6 +24,7 @@ from ..picture.image_files import automatic_exposure
 from ..scene.camera import axes
 from ..scene.light_lists import without_interleave
 from ..scene.lights import DirectionalLight, Light
+from ..store.store_data import StoreData
 from .bake_options import BakeOptions
 from .converted_scenes import scene_to_asset
 from .emission import emitted_radiance
@@ -139,14 +140,19 @@ def open_source(source: BakeSource, time: float, emits: bool) -> BakeScene:
 
 def _conversion_notes(scene: Scene) -> list[str]:
     """What a scene loses when it becomes a new glTF file."""
-    looks = scene.data.stored_looks or scene.appearance
+    looks, notes = scene.data.stored_looks or scene.appearance, list[str]()
     n = 0 if looks is None else len({each.texture for each in looks.materials} - {None})
-    if not n:
-        return []
-    return [
-        f"{scene.name}: {counted(n, 'texture', 'become')} the mean colours of faces; to keep textures, bake the "
-        "path of a glTF file"
-    ]
+    if n:
+        notes.append(
+            f"{scene.name}: {counted(n, 'texture', 'become')} the mean colours of faces; to keep textures, bake the "
+            "path of a glTF file"
+        )
+    if isinstance(scene.data, StoreData):
+        notes.append(
+            f"{scene.name}: corners of a store that lie at one place become one vertex, so values are smooth across "
+            "edges; for hard edges, bake the source file"
+        )
+    return notes
 
 
 def _double_sided_faces(scene: Scene, asset: Asset, time: float) -> NDArray[np.bool_]:
