@@ -135,7 +135,7 @@ def test_any_rows_of_a_file_are_read(tmp_path, monkeypatch, window, gap):
     "content, words",
     [
         (ply(vertices=np.where(np.arange(N_VERTICES)[:, None] == 333, np.nan, VERTICES)), "vertex 333 is (nan, nan"),
-        (ply(faces=np.where(np.arange(N_FACES)[:, None] == 777, N_VERTICES, FACES)), "face 777 uses vertex 400"),
+        (ply(faces=np.where(np.arange(N_FACES)[:, None] == 777, N_VERTICES, FACES)), "face 777 uses the vertices 400"),
         (ply()[:-3], "cut short"),
     ],
 )

@@ -1,5 +1,6 @@
 """Instances: their data, errors, and glTF files whose copies stay instances."""
 
+import json
 import pickle
 
 import numpy as np
@@ -9,6 +10,7 @@ import antumbra as at
 from antumbra.cli.scene_arguments import parse_scene
 from antumbra.scene.instance_data import InstanceData
 from antumbra.scene.scene_bounds import sampled_faces
+from antumbra.store.store_format import HEADER, PAGE, meta_to_json
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, Gltf, png
 from instance_scenes import block, both, random_scenes, random_transforms
 
@@ -198,7 +200,11 @@ def test_a_store_of_instances_holds_all_copies(tmp_path):
     paths = [tmp_path / f"{name}.antumbra" for name in ("inside", "flat")]
     for scene, path in zip((inside, flat), paths):
         build_store([scene], path)
-    assert paths[0].read_bytes() == paths[1].read_bytes()
+    stores, whole = [at.load(path).store for path in paths], [path.read_bytes() for path in paths]
+    directories = [HEADER.unpack_from(each)[4] for each in whole]
+    assert whole[0][PAGE : directories[0]] == whole[1][PAGE : directories[1]]
+    metas = [json.loads(meta_to_json(store.meta)) for store in stores]
+    assert metas[1].pop("detail") and metas[0] == metas[1]  # copies of meshes are shown from outside
 
 
 def test_results_of_instances_are_recognised(tmp_path):

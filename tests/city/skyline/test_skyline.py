@@ -379,7 +379,7 @@ def test_bad_input(skyline, tmp_path):
         "^points": lambda: at.skyline(scene, [[0, np.nan, 0]]),
         "^north": lambda: at.skyline(scene, [[0, 0, 0]], north=np.nan),
         "holds one point": lambda: skyline.save(tmp_path / "a.txt"),
-        r"\.png.*\.csv or \.json or \.npz or \.txt": lambda: skyline.save(tmp_path / "a.png"),
+        r"\.png.*\.csv, \.json, \.npz or \.txt": lambda: skyline.save(tmp_path / "a.png"),
         "^point is 2": lambda: skyline.userhorizon(2),
         "^tilt": lambda: skyline.sky_view_factor(-1.0),
         "^points is 'no such form'": lambda: at.skyline(scene, "no such form"),
