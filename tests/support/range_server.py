@@ -78,7 +78,7 @@ def _handler_of(server: RangeServer) -> type[BaseHTTPRequestHandler]:
             self.send_header("Last-Modified", "Sun, 29 Nov 2026 00:00:00 GMT")
             self.end_headers()
             if body:
+                server.sent += last + 1 - first  # before a client that has all bytes looks at it
                 self.wfile.write(data[first : last + 1])
-                server.sent += last + 1 - first
 
     return Handler
