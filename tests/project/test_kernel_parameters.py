@@ -24,8 +24,8 @@ def counts(text: str) -> Counter[str]:
 
 LONG = counts("""
     block_tree:1 box_nodes:2 bundle:3 cell_marking:1 child_order:1 cone_hierarchy:1 discontinuity_filter:1 filters:2
-    instance_batches:1 large_packets:1 lbvh:1 leaf_packing:1 light_list_irradiance:1 moeller_trumbore:1
-    multi_frusta:1 occlusion_queries:2 packet16:1 pixel_hits:3 pixel_tests:1 predicate:1 published_frusta:4
+    instance_batches:1 large_packets:1 lbvh:1 light_list_irradiance:1 moeller_trumbore:1 multi_frusta:1
+    occlusion_queries:2 packet16:1 pixel_blocks:1 pixel_hits:3 pixel_tests:1 predicate:1 published_frusta:4
     raster_bins:1 rasteriser:2 ray_bundles:1 ray_hits:1 ray_leaves:2 ray_packet:1 ray_split:1 ray_traversal:1
     receiver_order:1 reverse_frusta:5 sample_frusta:3 shaft_culling:3 shaft_hierarchy:4 single_rays:1 srdh_builder:1
     sweep_sah:1 tile_group:1 tile_lanes:1 top_down:2 transmission:1 transposition:1 tree_layout:1 tree_list:1

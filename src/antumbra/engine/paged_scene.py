@@ -1,6 +1,6 @@
 """The public class of scenes in stores."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from ..base.checks import byte_count
 from ..base.errors import InputError
@@ -56,15 +56,11 @@ class PagedScene(AnyScene):
         from .sources.paged_views import ViewsInStore
 
         engine = self.engine
-        source = engine.source
-        assert isinstance(source, Paged)
         with engine.lock:
-            source.release()
+            cast(Paged, engine.source).release()
         needed = self.data.cutout_bytes + RESERVED + _VIEW_MEMORY
         limit = min(self.max_memory or MAX_MEMORY, resident_memory() + needed)
-        views = engine.with_options(None, None, limit).source
-        assert isinstance(views, Paged)
-        return ViewsInStore(views)
+        return ViewsInStore(cast(Paged, engine.with_options(None, None, limit).source))
 
     def refusal(self) -> InputError:
         """The error raised by methods that need all triangles."""

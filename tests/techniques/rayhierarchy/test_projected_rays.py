@@ -139,7 +139,7 @@ def _seeded(seed, receivers):
 @pytest.mark.parametrize("threads", [1, 3])
 def test_pictures_of_surfaces(shape, cull_faces, threads):
     """Receivers lie on the triangles that are tested, which do not block their own rays; culled faces block none."""
-    some = []
+    some, tests = [], 0
     for seed in range(6):
         triangles, query = on_surfaces(seed, "point", shape, spp=1, cull_faces=cull_faces)
         (plain, bits), tally = np.zeros((2, *shape, 1), np.uint64), new_counters()
@@ -147,9 +147,9 @@ def test_pictures_of_surfaces(shape, cull_faces, threads):
         trace_shadow(soup_of(triangles), query, plain, threads, None, None, options)
         trace_shadow(soup_of(triangles), query, bits, threads, tally, None, FASTEST_RAY_HIERARCHY)
         np.testing.assert_array_equal(bits, plain)
-        assert as_dict(tally)["triangle_tests"] > 0
+        tests += as_dict(tally)["triangle_tests"]  # none where one picture of a few pixels is dark
         some.append(unpack(bits, 1).mean())
-    assert 0.0 < np.mean(some) < 1.0
+    assert tests > 0 and 0.0 < np.mean(some) < 1.0
 
 
 def test_a_receiver_at_the_light_and_others_too_close_to_it_to_project():

@@ -419,6 +419,7 @@ def _known_sides(light_sides, faces):
 @kernel
 def _find_sides(query_bits, view, faces, lanes, light_sides):
     """Write the light's sides of the triangles in some lanes (bits); faces: i32x16."""
+    # In: query_bits, view, as in `active_receivers`. Out: light_sides
     of = stack_i32(16)
     store(of, 0, faces)
     while lanes != 0:
@@ -443,6 +444,7 @@ def _active_one_by_one(query_bits, samples, ids, lanes, counters):
 def active_receivers(query_bits, view, samples, ids, sides, light_sides, counters):
     """Bits of the active ones among 16 receivers; sets the answer bits of samples below a receiver's surface.
 
+    query_bits, view : from `query_bits_of` and `view_of`
     ids, sides : i32x16, indices of the receivers, and their sides from `sides_of`
     light_sides : pointer to int8, from `new_light_sides`
     """

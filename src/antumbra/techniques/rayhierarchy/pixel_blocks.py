@@ -122,6 +122,7 @@ class _PartGroups(NamedTuple):
 @kernel
 def _groups(face, u, v, active, first, out):
     """Write the groups of a block's active lanes as group `first` and later ones. Return their number."""
+    # In: face, u, v: of the lanes. Out: out (`_PartGroups`)
     n, i = 1, 0
     put(out.lanes, first, active)
     while i < n:
@@ -188,6 +189,7 @@ def _keep_projected(points, block, u, v, q):
 @kernel
 def _write_groups(ticket, query, beam, scale, bits, arrays, block_groups, light_sides, counters):
     """Worker: write each block's receivers and its groups (`BlockGroups`); arrays: `Blocks`."""
+    # In: query, beam, scale (of the keys), bits. Out: bits, block_groups, light_sides (int8, by triangle)
     query_bits, view, known = query_bits_of(query, bits), view_of(beam), ptr(light_sides)
     samples, (h, w) = ConeSamples(beam.first, beam.n_samples, beam.set), query.sides.shape
     blocks, groups = block_pointers(arrays), _PartGroups(stack_i32(_ROOM), stack_i32(_ROOM), stack_f32(_CENTRES))
@@ -229,6 +231,7 @@ def _write_groups(ticket, query, beam, scale, bits, arrays, block_groups, light_
 @kernel
 def _gather_groups(ticket, block_groups, starts, keys, places):
     """Worker: write the keys and the places of all groups without gaps; starts: output position of each part."""
+    # In: block_groups
     from_keys, to_keys, to_places = ptr(block_groups.keys), ptr(keys), ptr(places)
     for part in items(ticket):
         at, place = starts[part], part * _ROOM
@@ -240,6 +243,7 @@ def _gather_groups(ticket, block_groups, starts, keys, places):
 @kernel
 def _write_cut(ticket, block_groups, places, blocks, lanes):
     """Worker: write the block and the lanes of each leaf, a group at one of the places."""
+    # In: block_groups. Out: blocks
     groups = ptr(block_groups.lanes)
     for leaf in items(ticket):
         place = np.int64(places[leaf])

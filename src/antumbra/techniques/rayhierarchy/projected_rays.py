@@ -52,6 +52,7 @@ def meet_projected(points, row):
 @kernel
 def _decide(leaves, block, soup, slot, facing, undecided, counters):
     """Bits of the `undecided` rays of a block that the triangle in a slot of the soup blocks, exactly."""
+    # In: leaves (`LeafRays`), facing, as in `block_projected`
     columns, blocked = (leaves.width + 3) >> 2, 0
     ids, _ = pixels_of_block(block // columns * 4, block % columns * 4, leaves.height, leaves.width)
     undecided &= ~bits(gather(leaves.own, ids) == get(soup.ids, slot))
@@ -71,6 +72,7 @@ def _decide(leaves, block, soup, slot, facing, undecided, counters):
 def block_projected(leaves, leaf, row, soup, facing, counters):
     """Mark the rays of a leaf that a triangle blocks as dead; True if all of them are dead now.
 
+    leaves, soup : rays and triangles, as pointers
     row : pointer to the triangle's first number, as `box_nodes.write_point_rows` writes it
     facing : triangles with this sign of d . n do not block
     """

@@ -66,7 +66,6 @@ _CHUNK = 16  # batches that a thread takes at a time
 _COLUMNS_PAY = 200_000  # points that save as much time by columns as these take to make
 _FIRST, _LAST = np.float32(0.0), np.float32(SIDE - 1)  # columns
 _AWAY = AXES + (ALL - AXES) // 2  # diagonals before this one lead away from most caps
-_ORDER = (0, *range(AXES, _AWAY), *range(1, AXES), *range(_AWAY, ALL))  # in which rays are traced
 
 
 class Election(NamedTuple):
@@ -231,11 +230,19 @@ def _decide_early(candidates):
 
 
 @inlined
+def _traced_at(step):
+    """The ray that is traced at a step: the first one, diagonals that lead away from caps, axes, other diagonals."""
+    k = step + AXES - 1 if step <= _AWAY - AXES else step - (_AWAY - AXES)
+    return step if step == 0 or step >= _AWAY else k
+
+
+@inlined
 def _elect(tree, batch, candidates, columns, sink):
     """(bits of the points inside, of those on a cap). It changes the points whose rays are `clear`."""
     points, base, clear = candidates
     inside, on_cap, poll = np.int64(0), np.int64(0), _no_votes()
-    for k in _ORDER:
+    for step in range(ALL):
+        k = _traced_at(step)
         alive, crossed = points & ~get(clear, k), np.int64(0)
         if alive:
             if k > 0:
@@ -256,17 +263,24 @@ def _elect(tree, batch, candidates, columns, sink):
     return inside, on_cap
 
 
+class _Results(NamedTuple):
+    """What `_vote` writes."""
+
+    verdicts: np.ndarray  # (n,) uint8
+    faults: np.ndarray  # (1,) bool: whether a ray is invalid
+
+
 @kernel
-def _vote(ticket, wide, rays, election, columns, traces, verdicts, faults):
+def _vote(ticket, wide, rays, election, columns, traces, out):
     """Worker: write the verdict on the origin of each of the first rays."""
-    # In: wide, rays (a `RayList`), election, columns, traces (bool). Out: verdicts, (n,) uint8; faults
+    # In: wide, rays (a `RayList`), election, columns, traces (bool). Out: out (`_Results`)
     batch = RayBlock(stack_f32(_ROWS), stack_f64(_PRECISE), stack_i32(_RAYS), False)
     nothing, clear, tree = stack_i32(1), stack_i64(ALL), wide_tree_of(wide)
     sink = HitSink(stack_i32(_RAYS), stack_i32(1), nothing, nothing, np.int64(0), INSIDE, stack_f32(1))
     for b in items(ticket):
         n, points, good = read_batch(tree, rays, line_of(b * _RAYS), batch)
         if not good:
-            faults[0], ticket[STOP] = True, 1
+            out.faults[0], ticket[STOP] = True, 1
             break
         odd, on_surface = np.int64(0), np.int64(0)
         for i in range(n):
@@ -285,7 +299,7 @@ def _vote(ticket, wide, rays, election, columns, traces, verdicts, faults):
         inside |= on_surface
         for i in range(n):
             verdict = ((inside >> i) & 1) * WITHIN | ((on_cap >> i) & 1) * ON_CAP
-            verdicts[b * _RAYS + i] = verdict | ((undecided >> i) & 1) * UNDECIDED
+            out.verdicts[b * _RAYS + i] = verdict | ((undecided >> i) & 1) * UNDECIDED
 
 
 class Caps:
@@ -322,6 +336,6 @@ class Caps:
         """
         n, faults = rays.n, np.zeros(1, np.bool_)
         verdicts, ticket = np.empty(n, np.uint8), new_ticket(-(-n // _RAYS), _CHUNK)
-        args = self._tracer.tree, rays.packed(), election, self._columns_for(n), traces, verdicts, faults
+        args = self._tracer.tree, rays.packed(), election, self._columns_for(n), traces, _Results(verdicts, faults)
         run_batches(_vote, threads, ticket, *args)
         return None if faults[0] else verdicts
