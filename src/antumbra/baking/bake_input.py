@@ -24,7 +24,6 @@ from ..picture.image_files import automatic_exposure
 from ..scene.camera import axes
 from ..scene.light_lists import without_interleave
 from ..scene.lights import DirectionalLight, Light
-from ..store.store_data import StoreData
 from .bake_options import BakeOptions
 from .converted_scenes import scene_to_asset
 from .emission import emitted_radiance
@@ -147,7 +146,7 @@ def _conversion_notes(scene: Scene) -> list[str]:
             f"{scene.name}: {counted(n, 'texture', 'become')} the mean colours of faces; to keep textures, bake the "
             "path of a glTF file"
         )
-    if isinstance(scene.data, StoreData):
+    if not scene.data.resident:
         notes.append(
             f"{scene.name}: corners of a store that lie at one place become one vertex, so values are smooth across "
             "edges; for hard edges, bake the source file"

@@ -13,7 +13,6 @@ from ..scene.appearance import normals_from_frames
 from ..scene.mesh import Piece
 from ..scene.scene_bounds import flush_to_zero
 from ..scene.scene_data import MemoryData
-from ..store.store_data import StoreData
 from .stored_shapes import Shape, stored_shapes
 
 _MOST_MATERIALS = 256
@@ -37,7 +36,7 @@ def scene_to_asset(scene: AnyScene, time: float) -> tuple[Asset, NDArray[np.inte
     else:
         asset.add_root(root)
     materials, numbers = dict[bytes, int](), list[NDArray[np.integer]]()
-    shapes = stored_shapes(scene) if isinstance(scene.data, StoreData) else _shapes(scene, time)
+    shapes = _shapes(scene, time) if scene.data.resident else stored_shapes(scene)
     for name, shape in shapes:
         parts = list(_parts(shape))
         primitives = [_primitive(asset, part, materials) for part in parts]

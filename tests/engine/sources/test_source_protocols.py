@@ -28,8 +28,6 @@ ARGUMENTS_OF_USERS = {  # a scene, as opposed to the path of one, or to a mesh o
     ("engine/store_building.py", "_scene_data_of_all"),
     ("engine/store_building.py", "_scene_data"),
     ("baking/bake_input.py", "bake_source"),
-    ("baking/bake_input.py", "_conversion_notes"),
-    ("baking/converted_scenes.py", "scene_to_asset"),
     ("city/changes/scene_changes.py", "_in_memory"),
     ("city/skyline/skyline.py", "_trees"),
 }
