@@ -323,8 +323,7 @@ def _print_device(scene: "AnyScene", plan: str) -> None:
 
     device = parse_plan(plan).device
     if device is not None:
-        besides = "what the camera sees, and the few shadow rays that need exact arithmetic"
-        print(f"The device {device} traced the shadow rays; the CPU traced {besides}.")
+        print(f"The device {device} traced the rays; the CPU decided the few that need exact arithmetic, and shaded.")
     elif default_device() not in (None, CPU) and not traces_on_device(scene.data):
         print("Devices do not trace stores yet; the CPU traced everything.")
 

@@ -7,6 +7,7 @@
 - `device_traversal`: the walk of one ray, which decides in float32 and lists what it cannot decide
 - `shaft_parts`, `device_shafts`, `shaft_traversal`: multi-frusta tracing, by warps of shafts
 - `device_kernels`: the kernels, and the list of them that tests and builds read
+- `pixel_kernels`, `device_surfaces`: the surfaces that a camera sees, and receivers on them, which stay there
 - `settling`: the exact decisions on the CPU
 - `device_tracer`: uploads, launches, and the order of the stages
 """

@@ -95,6 +95,18 @@ class DeviceTree:
             self._bvh = Bvh(nodes, nodes.view(np.int32), words.view(np.int32)[:, PRIM].copy(), corners)
         return self._bvh
 
+    def some(self, slots: NDArray[np.int32]) -> Bvh:
+        """The triangles in some slots, without nodes: for decisions about them on the CPU."""
+        if self._bvh is not None:
+            prim_ids, corners = self._bvh.prim_ids[slots], self._bvh.corners[slots]
+        else:  # a triangle is four rows of three words
+            rows = 4 * slots[:, None] + np.arange(4, dtype=np.int32)
+            words = self.launches.rows_at(self.triangles.address, rows.reshape(-1)).reshape(-1, TRIANGLE)
+            prim_ids = words.view(np.int32)[:, PRIM].copy()
+            corners = np.ascontiguousarray(words.reshape(-1, 3, 4)[..., :3]).reshape(-1, 9)
+        nodes = aligned_empty((1, 16), "f4")
+        return Bvh(nodes, nodes.view(np.int32), prim_ids, corners)
+
 
 class UploadedTree(DeviceTree):
     """A tree that the CPU has built."""
