@@ -1,11 +1,11 @@
 """Rays, soft shadows and builds on a device beside the CPU, with the bits of both compared first.
 
     python benchmarks/device.py --device cuda|opencl|host [scene ...]
-        [--part rays|shafts|build|frame|cutouts|copies ...] [--rays N] [--triangles N ...] [--size W H] [--spp N]
-        [--threads N] [--rounds N] [--json FILE|auto]
+        [--part rays|shafts|build|frame|cutouts|copies|store ...] [--rays N] [--triangles N ...] [--size W H] [--spp N]
+        [--store FILE] [--device-memory SIZE] [--frames N] [--threads N] [--rounds N] [--json FILE|auto]
 
 The part `build` is described in device_build.py, `frame` in device_frame.py, `cutouts` and `copies` in
-device_surfaces.py. The part `rays` follows.
+device_surfaces.py, and `store`, which is measured only if it is named, in device_store.py. The part `rays` follows.
 The part `shafts` has the shadow passes of a small and a large lamp, with one sample and with --spp, by the method
 `device, shafts` (the plan `bsah+multifrusta+device:NAME`) beside single rays and the CPU. `visits` are nodes visited
 per 16 rays, by one subgroup of shafts together; for single rays, the CPU's `single` counts them.
@@ -41,6 +41,7 @@ import statistics
 import sys
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -49,13 +50,16 @@ import numpy as np
 import antumbra
 import device_build
 import device_frame
+import device_store
 import device_surfaces
 from antumbra.base.errors import InputError
+from antumbra.cli.arguments import parse_bytes
 from antumbra.devices.arrays import DeviceArray
 from antumbra.devices.device import Device
 from antumbra.engine.device_tracers import device_tracer
 from antumbra.engine.engine import Engine
 from antumbra.engine.plan import parse_plan
+from antumbra.engine.sources.paged_source import DEVICE_CHUNKS
 from antumbra.kernels.parallel import thread_count
 from antumbra.query.shadow_query import ShadowQuery, ray_count, segments
 from antumbra.trace.counters import NODES, new_counters
@@ -67,6 +71,7 @@ from views import VIEWS, View, views
 
 CPU_PLAN = "bsah+reinsert+multifrusta"
 PARTS = ["build", "frame", *device_surfaces.SCENES, "shafts", "rays"]
+STORE = "store"
 RESULTS = Path(__file__).resolve().parents[1] / "docs" / "results"
 COLUMNS = "undecided", "on cpu", "visits"
 HEAD = f"{'case':9s} {'method':20s} {'Mrays/s':>9s} {'ms':>9s} {'differs':>8s}" + "".join(f" {c:>9s}" for c in COLUMNS)
@@ -316,6 +321,9 @@ def all_rows(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
         for n in options.triangles:
             print(f"\n{part}, {n} triangles\n{HEAD}")
             yield from device_surfaces.rows(part, n, options, measures)
+    if STORE in chosen:
+        print(f"\n{STORE}\n{HEAD}")
+        yield from device_store.rows(options, device_store.Measures(row, Timing, thread_count(options.threads)))
     if "rays" in chosen or "shafts" in chosen:
         for view in views(options.scene, options.size):
             yield from measure(view, options, chosen)
@@ -331,11 +339,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scene", nargs="*", help=f"{', '.join(VIEWS)}, or files; default: all of these")
     parser.add_argument("--device", required=True, help="cuda, cuda:1, opencl or host")
-    parser.add_argument("--part", action="append", choices=PARTS, help="default: all")
+    parser.add_argument("--part", action="append", choices=[*PARTS, STORE], help=f"default: {', '.join(PARTS)}")
     parser.add_argument("--rays", type=int, default=1 << 23)
     parser.add_argument("--triangles", type=int, nargs="+", default=[10**6, 10**7], help="of builds")
     parser.add_argument("--size", type=int, nargs=2, default=(1024, 1024), metavar=("W", "H"))
     parser.add_argument("--spp", type=int, default=16)
+    parser.add_argument("--store", type=Path, help="of the part store; default: a city that is removed afterwards")
+    memory = partial(parse_bytes, what="--device-memory")
+    parser.add_argument("--device-memory", type=memory, default=DEVICE_CHUNKS, help="for chunks; default: 8G")
+    parser.add_argument("--frames", type=int, default=4, help="of each walk through a store")
     parser.add_argument("--threads", type=int, help="of the CPU; default: all cores")
     parser.add_argument("--rounds", type=int, default=7)
     parser.add_argument("--json", help="also write the rows to this file; auto: docs/results/device-NAME.json")
@@ -350,6 +362,8 @@ def main() -> None:
         print(line(each) if "method" in each else step_line(each), flush=True)
         if "stages" in each:
             print(device_frame.stage_line(each), flush=True)
+        if "paging" in each:
+            print(device_store.chunk_line(each["paging"]), flush=True)
         if path is not None:  # after each row, because time on a card is short
             path.write_text(json.dumps({"machine": about, "rows": rows}, indent=1))
     if wrong := [each for each in rows if each.get("differs") and each["method"] != "warp"]:

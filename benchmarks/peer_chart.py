@@ -4,12 +4,11 @@
     python benchmarks/peer_chart.py rows.json ... -o docs/images/peers.svg
 
 A bar is the geometric mean over a scene's lights and numbers of threads; each library runs in its best mode, which is a
-median. The chart fits a telephone, and its greys suit light and dark pages.
+median. The chart fits a telephone, and its greys suit light and dark pages; docs/figures.md names the machine.
 """
 
 import argparse
 import json
-import textwrap
 from html import escape
 from pathlib import Path
 from statistics import geometric_mean
@@ -19,6 +18,13 @@ from peers.ray_contest import OURS
 PEER = "Embree"
 WIDTH, BAR, STEP, TOP = 420, 22, 48, 34  # units of the SVG: widths, heights, and the first row
 GREY, ORANGE = "#767c82", "#d9480f"
+TITLES = {
+    "sponza_crytek": "Sponza",
+    "sanmiguel_lite": "San Miguel, a part",
+    "bart_robots": "Robots",
+    "forest": "Forest",
+}
+"""Scene -> its title; others bear their names."""
 
 
 def ratios(rows: list[dict]) -> dict[str, float]:
@@ -36,13 +42,11 @@ def ratios(rows: list[dict]) -> dict[str, float]:
     return {scene: geometric_mean(each) for scene, each in scenes.items()}
 
 
-def chart(bars: dict[str, float], about: dict) -> str:
-    """The chart as SVG. `about`: the machine of the results."""
+def chart(bars: dict[str, float]) -> str:
+    """The chart as SVG."""
     unit = 0.86 * WIDTH / max([1.0, *bars.values()])
-    lines = [f"{about.get('command', 'python benchmarks/soft_shadows.py')}:", about["processor"]]
-    lines = [line for part in lines for line in textwrap.wrap(part, 66)]
     bottom = TOP + STEP * len(bars)
-    height = bottom + 12 * len(lines) + 8
+    height = bottom + 20
 
     def text(x: float, y: float, words: str, size: int = 15, more: str = "") -> str:
         return f'<text x="{x:g}" y="{y:g}" font-size="{size}" {more}>{escape(words)}</text>'
@@ -50,12 +54,12 @@ def chart(bars: dict[str, float], about: dict) -> str:
     parts = [text(0, 14, f"Soft shadows: rays per second, times {PEER}", 16, 'font-weight="600"')]
     for k, (scene, ratio) in enumerate(bars.items()):
         y = TOP + k * STEP
-        parts.append(text(0, y + 12, scene.replace("_", " ")))
+        parts.append(text(0, y + 12, TITLES.get(scene, scene)))
         parts.append(f'<rect x="0" y="{y + 18}" width="{ratio * unit:.1f}" height="{BAR}" rx="2" fill="{ORANGE}"/>')
         parts.append(text(ratio * unit + 6, y + 35, f"{ratio:.1f}"))
-    x = f'x1="{unit:.1f}" x2="{unit:.1f}"'
-    parts.append(f'<line {x} y1="{TOP + 16}" y2="{bottom - 4}" stroke="{GREY}" stroke-dasharray="4 3"/>')
-    parts += [text(0, bottom + 12 * (k + 1), line, 10) for k, line in enumerate(lines)]
+        ends = f'x1="{unit:.1f}" x2="{unit:.1f}" y1="{y + 15}" y2="{y + BAR + 21}"'
+        parts += [f'<line {ends} stroke="{c}" stroke-width="{w}"/>' for c, w in (("#fff", 4), (GREY, 2))]
+    parts.append(text(unit, bottom + 12, f"{PEER} = 1", 13, 'text-anchor="middle"'))
     style = f'font-family="system-ui, sans-serif" fill="{GREY}"'
     head = f'<svg xmlns="http://www.w3.org/2000/svg" width="{WIDTH}" viewBox="0 0 {WIDTH} {height}" {style}>'
     return "\n".join([head, *parts, "</svg>"]) + "\n"
@@ -70,7 +74,7 @@ def main() -> None:
     bars = ratios([row for file in files for row in file["rows"]])
     if not bars:
         parser.error(f"no scene has rows of both {OURS} and {PEER}; install embreex and measure again")
-    options.output.write_text(chart(bars, files[0]["machine"]), encoding="utf-8")
+    options.output.write_text(chart(bars), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -163,12 +163,13 @@ def count(n: int, seed: int) -> list[dict]:
 
 
 def table(rows: list[dict]) -> str:
-    """The rows as Markdown, with a column per contender."""
-    names = list(rows[0]["wrong"])
-    lines = [f"| case | rays | {' | '.join(names)} |", f"|---|---:|{'---:|' * len(names)}"]
+    """The rows as Markdown, with a column per contender and dots for 0."""
+    names, most = list(rows[0]["wrong"]), max(row["rays"] for row in rows)
+    lines = [f"| of {most:,} rays | {' | '.join(names)} |", f"|---|{'---:|' * len(names)}"]
     for row in rows:
-        counts = " | ".join(f"{row['wrong'][name]:,}" for name in names)
-        lines.append(f"| {row['case']} | {row['rays']:,} | {counts} |")
+        counts = " | ".join(f"{row['wrong'][name]:,}" if row["wrong"][name] else "·" for name in names)
+        of = f" (of {row['rays']:,})" if row["rays"] < most else ""
+        lines.append(f"| {row['case']}{of} | {counts} |")
     return "\n".join(lines) + "\n"
 
 

@@ -27,6 +27,7 @@ extensions = [
     "sphinxext.opengraph",
     "api_links",
     "code_tabs",
+    "comments",
     "fields",
     "help",
     "labels",
@@ -40,7 +41,7 @@ extensions = [
     "whole",
     "shown",
 ]
-exclude_patterns = ["_build", "papers/ideas"]
+exclude_patterns = ["_build", "_ext", "conf.py", "papers/ideas"]
 nitpick_ignore_regex = [("py:.*", ".*")]
 
 autodoc_member_order = "bysource"
@@ -49,8 +50,9 @@ napoleon_google_docstring = False
 napoleon_use_ivar = True
 
 default_role = "py:obj"  # names in backticks of docstrings become links
-myst_enable_extensions = ["colon_fence", "deflist"]
+myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
+smartquotes_action = "qe"  # quotes and ellipses; two hyphens begin an option
 
 bibtex_bibfiles = ["REFERENCES.bib"]
 bibtex_default_style = "author-year"
@@ -66,6 +68,7 @@ ogp_image = "_images/soft_shadows.webp"
 ogp_social_cards = {"enable": False}  # they need Matplotlib, and show text
 copybutton_prompt_text = r">>> |\.\.\. |\$ "
 copybutton_prompt_is_regexp = True
+copybutton_selector = "div:not(.highlight-text) > div.highlight pre"  # what is printed is not copied
 html_theme_options = {
     "source_repository": SOURCE,
     "source_branch": "main",

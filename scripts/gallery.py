@@ -47,6 +47,15 @@ _QUICK = {
 }
 """Patterns in programs, and their replacements for --quick."""
 
+_CALLS = {
+    r"at\.procedural\(\"": "procedural:",
+    r"at\.examples\.file_of\(\"": "example:",
+    r"at\.examples\.(?=\w+\()": "example:",
+    r"antumbra scenes (?=[a-z])": "procedural:",
+    r"antumbra render (?=-)": "procedural:atrium ",
+}
+"""Calls and commands that load scenes of the package, and the beginnings of the names of these."""
+
 
 class Program(NamedTuple):
     """A program of docs/gallery/ or examples/."""
@@ -81,16 +90,17 @@ class Program(NamedTuple):
 
 def programs() -> list[Program]:
     """The programs of docs/gallery/, by name."""
-    return [_program(path) for path in sorted(PROGRAMS.iterdir()) if path.suffix in (".py", ".sh")]
+    return [program_of(path) for path in sorted(PROGRAMS.iterdir()) if path.suffix in (".py", ".sh")]
 
 
 def examples() -> list[Program]:
     """The programs of examples/, by name. Their title ends with the command that runs them."""
-    documented = [_program(path) for path in sorted(EXAMPLES.glob("*.py"))]
+    documented = [program_of(path) for path in sorted(EXAMPLES.glob("*.py"))]
     return [each._replace(title=re.sub(r"[:.] python examples/.*", "", each.title)) for each in documented]
 
 
-def _program(path: Path) -> Program:
+def program_of(path: Path) -> Program:
+    """A program, parted into title, caption and code."""
     text = path.read_text(encoding="utf-8")
     if path.suffix == ".py":
         _, about, code = text.split('"""', 2)
@@ -107,6 +117,14 @@ def scene_file(name: str) -> Path | None:
     folder = Path(os.environ.get("ANTUMBRA_SCENES", "nowhere"))
     files = folder / name / "scene.glb", folder / "gltf" / f"{name}.glb"
     return next((file.resolve() for file in files if file.is_file()), None)
+
+
+def packaged_scenes(program: Program) -> list[str]:
+    """The scenes of the package that a program uses, such as procedural:city."""
+    code = program.code
+    for call, scene in _CALLS.items():
+        code = re.sub(call, scene, code)
+    return list(dict.fromkeys(re.findall(r"\b(?:procedural|example):\w+", code)))
 
 
 def missing(program: Program) -> list[str]:

@@ -2,11 +2,9 @@
 
 python scripts/notebooks.py [docs/notebooks/NAME.ipynb ...]    runs them, and compares their output; default: all
 python scripts/notebooks.py --store                            stores their output instead
-python scripts/notebooks.py --colab                            after the first release: shows the buttons, and installs
 
 Texts are compared without times, and pictures by their size and by coarse tiles, since fonts differ between machines.
-Until a release is on PyPI, the button of each notebook is an HTML comment, and the line that installs the package in
-Colab is a comment too. Requires nbclient and ipykernel.
+The first cell of each installs the package in Colab, from the repository. Requires nbclient and ipykernel.
 """
 
 import argparse
@@ -22,10 +20,8 @@ import numpy as np
 from PIL import Image
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "notebooks"
-_HIDDEN_BUTTON = re.compile(r"<!-- (\[!\[Open in Colab\].*\)) -->")
 _DATA = re.compile(r"(data:image/png;base64,)([\w+/=]+)")
 _VARIES = re.compile(r"[\d.,]+ (?:ms|s|min)\b|\b0x[0-9a-f]+|/tmp/\S*|plan '\S+'")  # `auto` learns from times
-_HIDDEN_INSTALL = re.compile(r"^# (%pip install )", re.MULTILINE)
 
 
 def run(path: Path) -> nbformat.NotebookNode:
@@ -101,31 +97,14 @@ def _alike(first: str, second: str) -> bool:
     return bool(np.abs(np.subtract(a.size, b.size)).max() <= 24 and np.abs(tiles[0] - tiles[1]).max() < 24.0)
 
 
-def with_colab(text: str) -> str:
-    """The text of a cell whose button is visible and whose line that installs the package runs."""
-    return _HIDDEN_INSTALL.sub(r"\1", _HIDDEN_BUTTON.sub(r"\1", text))
-
-
-def show_buttons(path: Path) -> None:
-    """Rewrite a notebook with its Colab button."""
-    notebook = nbformat.read(path, as_version=4)
-    for cell in notebook.cells:
-        cell.source = with_colab(cell.source)
-    path.write_text(nbformat.writes(notebook) + "\n", encoding="utf-8")
-
-
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("notebooks", nargs="*", type=Path, default=sorted(FOLDER.glob("*.ipynb")))
-    parser.add_argument("--colab", action="store_true", help="show the Colab buttons instead")
     parser.add_argument("--store", action="store_true", help="store the output instead of comparing it")
     options = parser.parse_args()
     faults = list[str]()
     for path in options.notebooks:
         print(f"-- {path}", flush=True)
-        if options.colab:
-            show_buttons(path)
-            continue
         ran = with_output(run(path))
         if options.store:
             path.write_text(nbformat.writes(ran) + "\n", encoding="utf-8")

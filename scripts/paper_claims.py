@@ -78,6 +78,7 @@ def judged(claim: Claim, results: dict[str, Any]) -> Judged:
         verdict = HOLDS if claim.holds(*numbers) else FAILS
     why = "; ".join(part for part in ("" if verdict == HOLDS else claim.reason, claim.remark) if part)
     ours = re.sub(r"(?<=\d)%", " %", claim.ours.format(*numbers))
+    ours = re.sub(r"(?<![\d.])([\d.]+) to \1(?![\d.]*\d)", r"\1", ours)  # one number is no range
     return Judged(claim, ours, verdict, why)
 
 

@@ -4,7 +4,7 @@
     python scripts/paper_pages.py --check
     python scripts/paper_pages.py --fronts
 
-Results must be of whole runs (without --quick, at least three rounds or frames asked for and measured) of the present
+Results must be of whole runs (without --quick, at least three rounds measured, or frames asked for) of the present
 kernels. Those that are not are refused, and benchmarks without results in FOLDER keep their pages. A page states the
 date, load and rounds of each table, and which tables and rows were measured less. The results themselves are copied to
 docs/papers/results/, from which `document_numbers.py` then updates the numbers in the documents.
@@ -51,27 +51,28 @@ class Paper(NamedTuple):
 PAPERS = {
     "multi-frusta": Paper(
         "Multi-frusta tracing",
-        "[Benthin and Wald 2009] trace soft shadows with 16 frusta at once.",
+        "[Benthin and Wald 2009](../references.md) trace soft shadows with 16 frusta at once.",
         "multifrusta",
     ),
     "pre-bvh-culling": Paper(
         "Pre-BVH culling",
-        "[Selgrad et al. 2015] discard triangles that no shadow ray can hit before building a BVH.",
+        "[Selgrad et al. 2015](../references.md) discard triangles that no shadow ray can hit before building a BVH.",
         "culling",
     ),
     "srdh": Paper(
         "SRDH",
-        "[Feltman et al. 2012] optimise trees and traversal orders for a sample of the shadow rays.",
+        "[Feltman et al. 2012](../references.md) optimise trees and traversal orders for a sample of the shadow rays.",
         "srdh",
     ),
     "ray-hierarchy": Paper(
         "Ray hierarchies",
-        "[Olsson and Assarsson 2011] build a hierarchy over the shadow rays instead of the scene.",
+        "[Olsson and Assarsson 2011](../references.md) build a hierarchy over the shadow rays instead of the scene.",
         "rayhierarchy",
     ),
     "chc-rt": Paper(
         "CHC+RT",
-        "[Mattausch et al. 2015] apply occlusion culling to all kinds of rays, in core and out of core.",
+        "[Mattausch et al. 2015](../references.md) apply occlusion culling to all kinds of rays, in core and out of "
+        "core.",
         "chcrt",
     ),
 }
@@ -177,7 +178,7 @@ def _span(values: list[Any]) -> str:
     return " to ".join(dict.fromkeys(str(value) for value in values))
 
 
-_SIZES = "size", "primary_size", "lights_size", "timed_size", "frame_size"
+_SIZES = "size", "primary_size", "lights_size", "timed_size", "frame_size", "ablation_size"
 
 
 def conditions(results: dict[str, Any]) -> dict[str, str]:

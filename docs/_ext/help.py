@@ -1,52 +1,133 @@
-"""``{command-help} render``: what ``antumbra render --help`` prints, so that the page cannot be out of date.
+"""``{command-help} render``: what ``antumbra render --help`` explains, in lists that fit the width of any screen.
 
-Each option has an anchor and a link to itself, such as cli/render.html#spp.
+Each option has an anchor and a link to itself, such as cli/render.html#spp. Without a command, the program's commands
+are listed, and linked to their pages.
 """
 
-import os
 import re
-import subprocess
-import sys
 from functools import cache
 
+import typer
 from docutils import nodes
-from docutils.parsers.rst import Directive
+from sphinx import addnodes
+from sphinx.util.docutils import SphinxDirective
 
-_OPTION = re.compile(r"(?<=\n  )(?:-\w, )?--([\w-]+)")
+from antumbra.cli.app import program
+
+_WIDE = 10_000  # columns, so that each option and each paragraph is one line
+_NAME = re.compile(r"(?:-\w, )?--([\w-]+)")  # at the beginning of an option
+_OPTION = re.compile(r"(?<![\w-])--([a-z][\w-]+)")
+_LIMITS = re.compile(r"((?:\s+\[[^][]+\])+)$")
 
 
 @cache
 def help_text(*command: str) -> str:
-    """What ``antumbra COMMAND --help`` prints."""
-    words = [sys.executable, "-m", "antumbra", *command, "--help"]
-    env = {**os.environ, "COLUMNS": "92", "TERMINAL_WIDTH": "92", "NO_COLOR": "1"}
-    done = subprocess.run(words, env=env, capture_output=True, text=True, stdin=subprocess.DEVNULL)
-    if done.returncode:
-        raise ValueError(f"{' '.join(words)} failed: {done.stderr}")
-    return "\n".join(line.rstrip() for line in done.stdout.strip("\n").splitlines())
+    """What ``antumbra COMMAND --help`` prints, in a terminal of any width."""
+    group = typer.main.get_command(program(frozenset(command[:1])))
+    context = typer.Context(group, info_name="antumbra", terminal_width=_WIDE, **group.context_settings)
+    for name in command:
+        child = context.command.get_command(context, name)
+        if child is None:
+            raise LookupError(name)
+        context = typer.Context(child, info_name=name, parent=context, **child.context_settings)
+    return re.sub(r"\x1b\[\d*m", "", context.get_help()).rstrip()
 
 
-class CommandHelp(Directive):
-    """The help text of a command, or of the program itself without an argument."""
+def records_of(lines: list[str]) -> list[tuple[str, str]]:
+    """(name, text) of each line in two columns; a line that is indented further continues the text of the last one."""
+    records = list[tuple[str, str]]()
+    first = len(lines[0]) - len(lines[0].lstrip())
+    for line in lines:
+        if line[: first + 1].isspace() and records:
+            records[-1] = records[-1][0], f"{records[-1][1]} {line.strip()}".strip()
+        else:
+            name, _, text = re.sub(r"\s{2,}", "\t", line.strip(), count=1).partition("\t")
+            records.append((name, text))
+    return records
+
+
+class CommandHelp(SphinxDirective):
+    """The help of a command, or of the program itself without an argument."""
 
     optional_arguments = 2
 
     def run(self):
         try:
-            text = help_text(*self.arguments)
-        except ValueError as error:
-            raise self.error(str(error)) from None
-        return [nodes.literal_block("", "", *_linked(text), classes=["command-help"])]
+            usage, *parts = help_text(*self.arguments).split("\n\n")
+        except LookupError as error:
+            raise self.error(f"no command {error}") from None
+        self.prefix = "-".join([*self.arguments[1:], ""])  # of anchors: subcommands share a page
+        names = re.findall(rf"^  {_NAME.pattern}", "\n".join(parts), re.MULTILINE)
+        self.anchors = {name: f"{self.prefix}{name}" for name in names}
+        command = usage.removeprefix("Usage: ")
+        found = [nodes.paragraph("", "", nodes.literal("", command), classes=["usage"])]
+        for part in parts:
+            found += self._paragraphs(part) if part.startswith(" ") else [self._group(part)]
+        if len(self.arguments) < 2:
+            return found
+        section = nodes.section(ids=[self.prefix.rstrip("-")])
+        section += [nodes.title("", f"antumbra {' '.join(self.arguments)}"), *found]
+        return [section]
 
+    def _paragraphs(self, part: str) -> list[nodes.Node]:
+        """A part of the description: a paragraph, or lines below a title, such as examples."""
+        title, *lines = [line.removeprefix("  ") for line in part.split("\n")]
+        if not lines or not all(line.startswith(" ") for line in lines):
+            return [nodes.paragraph("", "", *self._words(line.strip())) for line in (title, *lines)]
+        records = records_of(lines)
+        if any(text for _, text in records):
+            return [nodes.rubric("", title), self._list(records)]
+        code = "\n".join(line.strip() for line in lines)
+        language = "sh" if code.startswith("antumbra") else "text"
+        return [nodes.rubric("", title), nodes.literal_block(code, code, language=language)]
 
-def _linked(text: str) -> list[nodes.Node]:
-    """A text whose options link to themselves."""
-    parts, end = list[nodes.Node](), 0
-    for match in _OPTION.finditer(text):
-        parts.append(nodes.Text(text[end : match.start()]))
-        parts.append(nodes.reference("", match[0], refuri=f"#{match[1]}", ids=[match[1]]))
-        end = match.end()
-    return [*parts, nodes.Text(text[end:])]
+    def _group(self, part: str) -> nodes.section:
+        """A group of options, or of commands."""
+        title, *lines = part.split("\n")
+        name = title.removesuffix(":")
+        section = nodes.section(ids=[f"{self.prefix}{nodes.make_id(name)}-group"])
+        records = records_of(lines)
+        if name == "Commands":  # whole sentences, where the list of a terminal ends at the first full stop
+            records = [(each, help_text(*self.arguments, each).split("\n\n")[1].strip()) for each, _ in records]
+            self.anchors |= {each: each for each, _ in records}
+        section += [nodes.title("", name), self._list(records)]
+        return section
+
+    def _list(self, records: list[tuple[str, str]]) -> nodes.definition_list:
+        items = [nodes.definition_list_item("", self._term(name), self._meaning(text)) for name, text in records]
+        return nodes.definition_list("", *items, classes=["options"])
+
+    def _term(self, names: str) -> nodes.term:
+        literal, match = nodes.literal("", names), _NAME.match(names)
+        if match:
+            anchor = self.anchors[match[1]]
+            return nodes.term("", "", nodes.reference("", "", literal, refuri=f"#{anchor}"), ids=[anchor])
+        if names in self.anchors:  # a subcommand, which has a section below
+            return nodes.term("", "", nodes.reference("", "", literal, refuri=f"#{names}"))
+        if not self.arguments and names.islower():
+            page = {"refdomain": "std", "reftype": "doc", "reftarget": f"/cli/{names}", "refexplicit": True}
+            return nodes.term("", "", addnodes.pending_xref("", literal, refdoc=self.env.docname, **page))
+        return nodes.term("", "", literal)
+
+    def _meaning(self, text: str) -> nodes.definition:
+        """The help of an option, with its default and limits set apart."""
+        limits = _LIMITS.search(text)
+        paragraph = nodes.paragraph("", "", *self._words(_LIMITS.sub("", text)))
+        if limits:
+            words = "; ".join(re.findall(r"\[([^][]+)\]", limits[1]))
+            paragraph += [nodes.Text(" "), nodes.inline("", words, classes=["limits"])]
+        return nodes.definition("", paragraph)
+
+    def _words(self, text: str) -> list[nodes.Node]:
+        """A text in which options of this command are links."""
+        parts, end = list[nodes.Node](), 0
+        for match in _OPTION.finditer(text):
+            literal = nodes.literal("", match[0], classes=["option"])
+            anchor = self.anchors.get(match[1])
+            link = literal if anchor is None else nodes.reference("", "", literal, refuri=f"#{anchor}")
+            parts += [nodes.Text(text[end : match.start()]), link]
+            end = match.end()
+        return [*parts, nodes.Text(text[end:])]
 
 
 def setup(app):

@@ -3,14 +3,19 @@
 from sphinx.addnodes import index
 
 PAGES = {
-    "install": "install", "pip": "install", "python": "quickstart",
+    "install": "install", "pip": "install", "python": "quickstart", "numpy": "quickstart",
+    "glb": "files", "gltf": "files", "obj": "files", "ply": "files", "format": "files",
+    "trimesh": "tutorials/others", "open3d": "tutorials/others", "pyvista": "tutorials/others",
+    "embree": "tutorials/others", "mitsuba": "tutorials/others", "ladybug": "tutorials/others",
     "skyline": "jobs/skyline", "horizon": "jobs/skyline",
     "opacity": "tutorials/model", "transparency": "tutorials/model", "material": "tutorials/model",
     "lightmap": "jobs/bake", "ambient occlusion": "jobs/bake", "bake": "jobs/bake",
-    "viewshed": "jobs/line-of-sight", "visibility": "jobs/line-of-sight",
+    "viewshed": "jobs/line-of-sight", "visibility": "jobs/line-of-sight", "line of sight": "jobs/line-of-sight",
     "shadow": "jobs/shadow", "sun": "jobs/sun", "daylight": "jobs/sun", "shading": "jobs/sun",
-    "terrain": "terrain", "qgis": "maps", "cityjson": "cities", "gpu": "gpu", "error": "errors",
-    "dataset": "jobs/dataset", "view factor": "jobs/view-factors", "jupyter": "notebook",
+    "sky view factor": "jobs/sun", "view factor": "jobs/view-factors",
+    "terrain": "terrain", "qgis": "maps", "cityjson": "cities", "gpu": "gpu", "cuda": "gpu", "opencl": "gpu",
+    "dataset": "jobs/dataset", "jupyter": "notebook", "colab": "notebook", "error": "errors",
+    "wrong": "wrong-elsewhere", "acne": "wrong-elsewhere", "leak": "wrong-elsewhere",
 }  # fmt: skip
 """Word -> page."""
 

@@ -115,8 +115,8 @@ def _in_order(app, name: str, found: dict[str, None]) -> dict[str, None]:
 
 def _write(app, exception) -> None:
     if exception is None and app.builder.format == "html":
-        names = _in_order(app, app.config.root_doc, {})
-        pages = [(name, Path(app.env.doc2path(name)).read_text(encoding="utf-8")) for name in names]
+        paths = {name: Path(app.env.doc2path(name)) for name in _in_order(app, app.config.root_doc, {})}
+        pages = [(name, path.read_text(encoding="utf-8")) for name, path in paths.items() if path.suffix == ".md"]
         (Path(app.outdir) / NAME).write_text(whole(pages), encoding="utf-8")
 
 

@@ -1,4 +1,4 @@
 # The first picture
 #
 # What the command of the README renders: a courtyard in the sun.
-antumbra render --size 1024x1024 -o first.png
+antumbra render --size 1280x800 -o first.png

@@ -1,4 +1,4 @@
-# Your first picture
+# Your own model
 #
 # A model in sun and sky: the camera frames the part that has detail.
 antumbra scenes city --triangles 300k -o city.glb

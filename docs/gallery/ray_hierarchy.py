@@ -2,7 +2,7 @@
 
 The tracer `cones` builds no tree over the scene, but one over the shadow rays. This section through an atrium shows 64
 rays to a lamp, in nodes of 16, of 4, and one by one; blocked rays are red. A triangle goes down only where it meets a
-node. It needs pip install 'antumbra[plot]'.
+node. It needs `pip install 'antumbra[plot]'`.
 """
 
 import matplotlib.pyplot as plt

@@ -1,15 +1,15 @@
 """A film of a day
 
 The shadows of a city on a day in September, a picture every twenty minutes. Places and times of the sun come from
-pvlib: pip install 'antumbra[sun]'.
+pvlib: `pip install 'antumbra[sun]'`.
 """
 
 from datetime import date
+from zoneinfo import ZoneInfo
 
 from PIL import Image
 
 import antumbra as at
-from antumbra.sun.sun_positions import zone_of
 
 SIZE = 720, 420
 SPP = 16
@@ -17,7 +17,7 @@ TRIANGLES = 100_000
 scene = at.procedural("city", triangles=TRIANGLES)
 camera = at.Camera((58, 62, 74), (-2, 0, 0), vfov=33, width=SIZE[0], height=SIZE[1])
 place = at.Place(52.0, 4.36, timezone="Europe/Amsterdam")
-suns = at.suns_of(place, at.times_of([date(2026, 9, 12)], zone_of(place), step=20), "y")
+suns = at.suns_of(place, at.times_of([date(2026, 9, 12)], ZoneInfo(place.timezone), step=20), "y")
 renderer, film = at.Renderer(scene), []
 for towards in suns.directions:
     sun = at.DirectionalLight(-towards, angular_diameter=0.53, intensity=4 * min(1.0, 0.3 + 1.5 * towards[1]))

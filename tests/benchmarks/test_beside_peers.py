@@ -205,7 +205,8 @@ def test_peer_chart(run, tmp_path):
     run("peer_chart", tmp_path / "in.json", "-o", tmp_path / "chart.svg", rows=False)
     chart = ElementTree.parse(tmp_path / "chart.svg").getroot()
     words = [element.text for element in chart.iter() if element.tag.endswith("text")]
-    assert {"forest", "1.5"} <= set(words) and sum(element.tag.endswith("rect") for element in chart.iter()) == 1
+    assert {"Forest", "1.5", "Embree = 1"} <= set(words)
+    assert sum(element.tag.endswith("rect") for element in chart.iter()) == 1
 
 
 def row_of(family, mrays, light="small", threads=1):

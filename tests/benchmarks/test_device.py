@@ -5,6 +5,7 @@ import sys
 
 import pytest
 
+import antumbra as at
 import device
 import device_build
 import device_surfaces
@@ -75,3 +76,23 @@ def test_bytes_are_stated_for_kernels_that_exist():
 def test_waves_move_all_triangles_of_a_scene_of_any_size():
     first, second = (device_build.waves(101, time) for time in (0.0, 0.4))
     assert first.shape == second.shape == (101, 3, 3) and (first != second).any(axis=(1, 2)).all()
+
+
+def test_chunks_of_a_store_are_cached_on_a_device(monkeypatch, tmp_path, capsys):
+    path, store = tmp_path / "rows.json", tmp_path / "city.antumbra"
+    at.build_store(at.procedural("city", triangles=30_000), store, chunk=512)
+    words = f"device.py --device host --part store --store {store} --device-memory 2M --frames 2 "
+    monkeypatch.setattr(sys, "argv", (words + f"--size 24 16 --spp 4 --json {path}").split())
+    device.main()
+    rows = json.loads(path.read_text())["rows"]
+    assert [(row["case"], row["method"]) for row in rows] == [
+        (f"{view} {k}", method)
+        for view in ("near", "far")
+        for k in range(2)
+        for method in ("device, host arrays", "cpu")
+    ]
+    assert all(row["differs"] == 0 < row["rays"] and row["queries"] > 0 for row in rows)
+    there = rows[::2]
+    assert all(0 < row["paging"]["device_bytes"] < row["uploaded"] for row in there[::2])
+    assert all(row["paging"]["device_uploaded"] < row["paging"]["device_wanted"] for row in there[1::2])
+    assert "on the device" in capsys.readouterr().out

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from antumbra.bvh.block_tree import block_tree
-from antumbra.bvh.compact_tree import bvh_of, compact, expand, expanded_bytes, leaf_fault
+from antumbra.bvh.compact_tree import bvh_of, compact, compacted, expand, expanded_bytes, leaf_fault
 from antumbra.bvh.nodes import MAX_LEAF, aligned_empty
 from antumbra.bvh.tree_quality import validate
 from antumbra.engine.method_registry import BUILDERS
@@ -43,6 +43,8 @@ def test_a_tree_and_its_compact_form_have_the_same_leaves(scene, builder):
     assert _leaves(again) == _leaves(blocks)
     np.testing.assert_array_equal(again.nodes[:, :12], blocks.nodes[:, :12])
     validate(bvh_of(tree), vertices)
+    for back, array in zip(compacted(again), tree):
+        np.testing.assert_array_equal(back.view(np.int32), array.view(np.int32))
 
 
 def test_a_leaf_of_more_triangles_than_a_binary_tree_has_becomes_two():

@@ -105,7 +105,7 @@ def right_name(output) -> str:
         return "out"
     with pytest.raises(at.InputError) as caught:
         output.info.callback(SimpleNamespace(resilient_parsing=False, meta={}), Path("out.xyz"))
-    return "out" + str(caught.value).partition("; use ")[2].split(" or ")[0]
+    return "out" + str(caught.value).partition("; use ")[2].partition(" or ")[0].partition(", ")[0]
 
 
 MAIN = [path for path in OUTPUTS if path.name == "output"]

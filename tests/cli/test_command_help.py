@@ -55,6 +55,12 @@ def test_the_short_help_has_a_line_for_each_main_option(name, cli):
     assert "--help" in listed and listed <= set(re.findall(r"--[\w-]+", whole))
 
 
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_short_help_is_cut_only_after_a_clause(name, cli):
+    cut = re.findall(r"^.* …$", cli(name, "-h").out, re.M)
+    assert [line for line in cut if line[-3] not in ",;:"] == []
+
+
 def test_the_short_help_is_asked_for_anywhere(cli, square_obj):
     assert cli("render", square_obj, "-h").out == cli("render", "-h").out
     assert cli("render", "--", "-h").code == 2  # the name of a file

@@ -1,5 +1,6 @@
 import json
 import os
+from pathlib import Path
 
 import numpy as np
 import OpenEXR
@@ -320,8 +321,8 @@ def test_notes_of_the_loader_are_said_once_and_not_as_warnings(render, square_ob
         (("--camera", "1e300,0,0:0,0,0"), ["camera position"]),
         (("--light", "9"), ["no light 9"]),
         (("--light", "lamp"), ["--light lamp", "sphere:CX,CY,CZ:RADIUS"]),
-        (("-o", "a.jpg"), ["a.jpg", ".png or .exr"]),
-        (("-o", "a"), [".png or .exr"]),
+        (("-o", "a.jpg"), ["a.jpg", ".png, .exr, .mp4"]),
+        (("-o", "a"), [".png, .exr, .mp4"]),
         (("-o", "."), ["is a folder"]),
         (("-o", "none/a.png"), ["none", "does not exist"]),
         (("--sop", "3"), ["--sop", "antumbra render --help"]),
@@ -461,10 +462,35 @@ def test_rooms_have_no_ground(render):
     assert render("--json", "-o", "a.png").json()["ground"] is None
 
 
-def test_a_store_has_no_ground(cli, render, table):
-    assert cli("build", table, "-o", "table.antumbra").code == 0
-    assert render("--json", *_HIGH, "-o", "a.png", scene="table.antumbra").json()["ground"] is None
-    render("--ground", "on", scene="table.antumbra").refused("--ground on", "store", "leave it out")
+def bare_pictures(cli, scene, *more):
+    """The bytes of bare pictures of a scene, of its store, and of its tiles."""
+    assert cli("build", scene, "-o", "s.antumbra", "-q").code == 0
+    assert cli("build", scene, "-o", "s.tiles", "--tile", 300, "-q").code == 0
+    for k, name in enumerate((scene, "s.antumbra", "s.tiles")):
+        assert cli("render", name, "-o", f"{k}.png", "--size", "60x45", *more, "-q").code == 0
+    return [Path(f"{k}.png").read_bytes() for k in range(3)]
+
+
+def test_a_store_stands_on_the_ground_of_its_scene(cli, render, table):
+    whole, store, tiles = bare_pictures(cli, table, "--adaptive")
+    assert whole == store == tiles
+    told = [render("--json", *_HIGH, scene=scene).json()["ground"] for scene in (table, "s.antumbra")]
+    assert told[0] == told[1] < 0.0
+    low = [render("--json", "--ground", "-0.5", *_HIGH, scene=scene).json()["ground"] for scene in (table, "s.tiles")]
+    assert low == [-0.5, -0.5]
+
+
+@pytest.mark.parametrize("preset", ["draft", "final"])
+@pytest.mark.parametrize("name", ["atrium", "city", "forest", "cellar"])
+def test_bare_pictures_of_a_store_are_those_of_its_scene(cli, name, preset):
+    """Rooms are shown from inside, and lit by what bounces in final pictures; models and cities stand on a ground."""
+    whole, store, tiles = bare_pictures(cli, f"procedural:{name}?triangles=2000", "--preset", preset)
+    assert whole == store == tiles
+
+
+def test_a_store_of_terrain_has_its_tints(cli):
+    whole, store, tiles = bare_pictures(cli, "example:hills")
+    assert whole == store == tiles
 
 
 @pytest.mark.parametrize("text", ["below", "", "nan", "1e40"])

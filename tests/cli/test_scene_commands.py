@@ -79,7 +79,7 @@ def test_exporting_twice_gives_the_same_bytes(cli, tmp_path):
         (("atrium", "--triangles", "few"), ["--triangles is 'few'"]),
         (("atrium", "--triangles", "0"), ["0"]),
         (("atrium", "--seed", "x"), ["--seed is 'x'"]),
-        (("atrium", "-o", "a.png"), [".glb or .obj or .ply"]),
+        (("atrium", "-o", "a.png"), [".glb, .obj or .ply"]),
         (("atrium", "-o", "none/a.glb"), ["does not exist"]),
         (("-o", "a.glb"), ["antumbra scenes NAME -o FILE"]),
         (("--triangles", "5k"), ["antumbra scenes NAME"]),

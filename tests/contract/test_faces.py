@@ -104,7 +104,7 @@ def _of_faces(scene, stored: bool) -> dict[str, Example]:
     return {
         "camera": ex(scene.camera, works=False),
         "light": ex(scene.light, works=False),
-        "page": ex(scene.page, works=not stored),
+        "page": ex(scene.page),
         "clamped": ex(scene.clamped, time=0.0),
         "default_camera": ex(scene.default_camera),
         "default_light": ex(scene.default_light),

@@ -1,6 +1,7 @@
 """`contains`: bodies drawn twice, shared walls, open surfaces and their notes, in memory, stores and instances."""
 
 from fractions import Fraction
+from itertools import product
 
 import numpy as np
 import pytest
@@ -8,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import antumbra as at
-from antumbra.engine import containment
 from antumbra.query.ray_list import RayArguments
 
 FACES = np.array([[0, 1, 2], [0, 3, 1], [1, 3, 2], [0, 2, 3]])
@@ -20,6 +20,10 @@ BOX_FACES = np.array(
 BOX = UNIT_BOX[BOX_FACES]
 WITHOUT_TOP = BOX[~(BOX[:, :, 2] == 1).all(1)]
 FLOOR = BOX[(BOX[:, :, 2] == 0).all(1)]
+
+
+AXES = np.concatenate([np.eye(3), -np.eye(3)])
+DIAGONALS = np.array(list(product((-1.0, 1.0), repeat=3)))
 
 
 def both_sides(faces):
@@ -162,7 +166,7 @@ def test_instances_contain_the_points_of_the_flattened_scene(meshes, places):
 def _all_votes(bodies, points, threads=1):
     """The majority of all 14 rays, without an early end."""
     odd = np.zeros(len(points), int)
-    for along in np.concatenate([containment._AXES, containment._DIAGONALS]):
+    for along in [*AXES, *DIAGONALS]:
         rays = RayArguments(points, along, 0.0, np.inf, -1.0, (len(points),), 0, False, (0.0, 0.0, 0.0), 0.0)
         odd_now = bodies.crossings(rays, threads) % 2
         odd += odd_now

@@ -7,6 +7,7 @@ from scipy.spatial import ConvexHull
 import antumbra as at
 from antumbra.engine.default_view import _hull_planes, innermost_box
 from antumbra.engine.primary_visibility import primary_visibility
+from antumbra.engine.scene_views import ViewsInMemory
 from antumbra.scene.default_picture import KINDS
 from scene.test_scene_bounds_views import block, blocks
 
@@ -78,7 +79,7 @@ def test_other_maps_and_boxes(up, few):
     for kind in KINDS if few else KINDS[:1]:
         for size in SIZES[::2][: 1 + (kind == "perspective")]:
             assert_shows(scene, is_content, scene.bounds, size, kind, 3e-4 if few else 0.03)
-    wrapping = innermost_box(scene.triangles(), None)
+    wrapping = innermost_box(ViewsInMemory(scene.triangles()))
     assert len(wrapping.planes) == 6 and wrapping.content.face_id.tolist() == list(range(24, len(soup)))
 
 
@@ -90,7 +91,7 @@ def test_what_is_no_closed_box_is_not_opened():
     corners = [at.Scene.from_arrays(np.concatenate([open_above, MAP])), at.Scene.from_arrays(alone)]
     corners += [at.Scene.from_arrays(protruding), at.Scene.from_arrays(MAP), at.procedural("city", triangles=5000)]
     corners += [at.Scene.from_arrays(np.concatenate([alone, [alone[0] * 0.5]]))]  # a face inside is no content
-    assert [innermost_box(scene.triangles(), None) for scene in corners] == [None] * len(corners)
+    assert [innermost_box(ViewsInMemory(scene.triangles())) for scene in corners] == [None] * len(corners)
     assert all(scene.view.room is None for scene in corners[1:])
 
 
@@ -103,7 +104,7 @@ def test_a_moving_part_that_leaves_its_box_is_shown_from_outside(tmp_path):
     moving = made.node(mesh=made.mesh(made.primitive(small)))
     made.animate(moving, "translation", [0, 1], [[0, 0, 0], [0, 5, 0]])
     scene = at.load(made.write(tmp_path))
-    assert scene.view.room is None and innermost_box(scene.triangles(0.0), None) is not None
+    assert scene.view.room is None and innermost_box(ViewsInMemory(scene.triangles())) is not None
 
 
 @pytest.mark.parametrize("n", [4, 6, 12, 17])

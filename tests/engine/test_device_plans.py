@@ -41,13 +41,16 @@ def test_a_device_stands_in_a_plan_by_its_full_name(name):
     assert parse_plan("bsah+single").device is None and str(cpu_plan(plan)) == "bsah+reinsert+single"
 
 
-@pytest.mark.parametrize("name", ["bsah+multifrusta+device:host", "device:host:0+bsah+multifrusta"])
-def test_multifrusta_on_a_device_is_one_tracer_named_by_two_parts(name):
-    plan = parse_plan(name)
-    assert str(plan) == "bsah+multifrusta+device:host:0" and plan.device == "host:0" and parse_plan(str(plan)) == plan
-    assert parse_plan(plan) == plan and "shaft" in plan.tracer.description
-    assert str(cpu_plan(plan)) == "bsah+single"
-    for two in "bsah+cones+device:host", "bsah+multifrusta+cones", "bsah+device:host+device:host:1":
+@pytest.mark.parametrize("name", ["bsah+{}+device:host", "device:host:0+bsah+{}", "{}+device:host+bsah"])
+@pytest.mark.parametrize(
+    "method, what, on_cpu", [("multifrusta", "shaft", "single"), ("chcrt", "cache of chunks", "chcrt")]
+)
+def test_a_method_on_a_device_is_one_tracer_named_by_two_parts(name, method, what, on_cpu):
+    plan = parse_plan(name.format(method))
+    assert str(plan) == f"bsah+{method}+device:host:0" and plan.device == "host:0" and parse_plan(str(plan)) == plan
+    assert parse_plan(plan) == plan and what in plan.tracer.description
+    assert str(cpu_plan(plan)) == f"bsah+{on_cpu}"
+    for two in "bsah+cones+device:host", f"bsah+{method}+cones", "bsah+device:host+device:host:1":
         with pytest.raises(InputError, match="names two tracers"):
             parse_plan(two)
 

@@ -114,7 +114,7 @@ WRONG = {
     "too wide": (dict(vertices=[[0, 0, 0], [1e300, 0, 0], [-1e308, 1, 0]]), "at most"),
     "index too high": (
         dict(vertices=TETRAHEDRON, faces=[[0, 1, 2], [0, 1, 4]]),
-        "face 1 uses vertex 0, 1, 4",
+        "face 1 uses the vertices 0, 1, 4",
     ),
     "index negative": (dict(vertices=TETRAHEDRON, faces=[[0, -1, 2]]), "face 0"),
     "float faces": (dict(vertices=TETRAHEDRON, faces=[[0.0, 1.0, 2.0]]), "faces must be whole numbers"),

@@ -81,10 +81,7 @@ def streamed(path):
     return read_scene_data(path, ReadOptions(streamed=True))
 
 
-SMOOTH = "normals.ply"  # a vertex at the border of ranges lacks the faces of the others
-
-
-@pytest.mark.parametrize("name", [each for each in FILES if each != SMOOTH])
+@pytest.mark.parametrize("name", FILES)
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_a_store_of_ranges_has_the_bytes_of_the_scene_in_memory(tmp_path, small_ranges, name):
     path, whole = put(tmp_path, name, FILES[name]), tmp_path / "whole.antumbra"
@@ -95,19 +92,6 @@ def test_a_store_of_ranges_has_the_bytes_of_the_scene_in_memory(tmp_path, small_
     at.build_store(path, tmp_path / "a.antumbra", chunk=64)
     assert (tmp_path / "a.antumbra").read_bytes() == whole.read_bytes()
     assert scene.n_triangles == at.load(whole).n_triangles and at.load(whole).notes[: len(scene.notes)] == scene.notes
-
-
-@pytest.mark.filterwarnings("ignore::UserWarning")
-def test_ranges_of_a_mesh_with_normals_have_its_triangles_and_normals(tmp_path, small_ranges):
-    path = put(tmp_path, SMOOTH, FILES[SMOOTH])
-    scene = at.load(path)
-    at.build_store(scene, tmp_path / "whole.antumbra", chunk=64)
-    at.build_store(path, tmp_path / "a.antumbra", chunk=64)
-    store, whole = at.load(tmp_path / "a.antumbra"), at.load(tmp_path / "whole.antumbra")
-    assert any("was read in ranges of faces" in note for note in store.notes) and not whole.notes
-    assert np.array_equal(store.data.corners(), whole.data.corners())
-    found = store.data.stored_looks.of(np.arange(scene.n_triangles))
-    assert np.array_equal(found.normals, scene.appearance.normals)
 
 
 def test_the_cases_have_what_they_are_named_after(tmp_path, small_ranges):

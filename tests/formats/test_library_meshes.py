@@ -174,11 +174,11 @@ def test_blocks_of_pyvista_are_objects():
 @pytest.mark.parametrize(
     "mesh, words",
     [
-        (None, "scene is a NoneType; give the path of a file, a scene, a DataArray, or a mesh of trimesh"),
+        (None, "scene is of type NoneType; give the path of a file, a scene, a DataArray, or a mesh of trimesh"),
         (np.zeros((3, 3)), "arrays go to Scene.from_arrays"),
         (trimesh.Trimesh(), "the Trimesh has no triangles"),
         (meshio_mesh(("hexahedron", [[0, 1, 2, 3, 0, 1, 2, 3]])), "has no triangles.*extract_surface"),
-        (meshio_mesh(("triangle", [[0, 1, 9]])), "face 0 uses vertex 0, 1, 9"),
+        (meshio_mesh(("triangle", [[0, 1, 9]])), "face 0 uses the vertices 0, 1, 9"),
         (meshio_mesh(("triangle", [[0, 1, 2]]), points=np.full((3, 3), np.nan)), "vertex 0 is"),
         (meshio_mesh(("triangle", [[0, 1, 2]]), points=np.array([["a"] * 3] * 3)), "vertices must be numbers"),
     ],

@@ -385,7 +385,7 @@ def test_any_field_of_view_is_that_of_open3d(o3d, fov):
     "call, words",
     [
         (lambda s: s.add_triangles("ball.ply"), "add_triangles got a str; give a mesh of trimesh"),
-        (lambda s: s.add_triangles(np.zeros((3, 3)), [[0, 1, 3]]), "face 0 uses vertex 0, 1, 3"),
+        (lambda s: s.add_triangles(np.zeros((3, 3)), [[0, 1, 3]]), "face 0 uses the vertices 0, 1, 3"),
         (lambda s: s.add_triangles(np.zeros((3, 2)), [[0, 1, 2]]), r"vertex_positions must be numbers \(n, 3\)"),
         (lambda s: s.cast_rays(np.zeros((2, 3))), r"rays must be numbers \(\.\.\., 6\)"),
         (lambda s: s.compute_occupancy(np.zeros((2, 6))), r"query_points must be numbers \(\.\.\., 3\)"),

@@ -7,6 +7,8 @@ from hypothesis import strategies as st
 
 import antumbra as at
 from antumbra.engine.method_registry import CULLERS, TRACERS
+from antumbra.picture.renderer import Renderer
+from antumbra.picture.row_bands import band_array_names, bits_of_bands
 from cutout_scenes import scene_with_cutouts
 from devices import device_plans
 from strength import examples
@@ -214,3 +216,33 @@ def test_the_height_of_the_ground():
 def test_a_bad_height_is_one_line(scene, bad):
     with pytest.raises(at.InputError, match="ground"):
         at.render(scene, camera(), LIGHTS[1], ground=bad)
+
+
+@pytest.mark.parametrize("kind", ["perspective", "orthographic"])
+@pytest.mark.parametrize("cutouts", [False, True])
+def test_a_store_has_the_ground_of_its_scene(tmp_path, scene, kind, cutouts):
+    scene = scene_with_cutouts() if cutouts else scene
+    at.build_store(scene, tmp_path / "a.antumbra", chunk=16)
+    stored, view = at.load(tmp_path / "a.antumbra"), scene.default_camera(40, 30, kind)
+    assert stored.ground_height() == scene.ground_height()
+    options = {"spp": 4, "adaptive": 16, "ground": True, "filter": True}
+    a, b = (at.render(each, view, LIGHTS, **options) for each in (scene, stored))
+    for name, mine, other in zip(a.ground._fields, a.ground, b.ground):
+        np.testing.assert_array_equal(mine, other, err_msg=name)
+    np.testing.assert_array_equal(a.image, b.image)
+    assert (a.ground.share < 1.0).any() and a.rays == b.rays
+
+
+def test_bands_of_a_store_have_the_ground_of_the_whole(tmp_path, scene):
+    at.build_store(scene, tmp_path / "a.antumbra", chunk=16)
+    renderer = Renderer(at.load(tmp_path / "a.antumbra"))
+    options = at.RenderOptions(spp=4, adaptive=16, ground=True)
+    whole, request = renderer.render(camera(), LIGHTS, options=options), renderer.request(camera(), LIGHTS, options)
+    rows = renderer.rows(request)
+    bands = [rows.band(first, min(first + 16, SIZE[1])) for first in range(0, SIZE[1], 16)]
+    arrays = {name: np.concatenate([band[name] for band in bands]) for name in band_array_names(request)}
+    again = Renderer(at.load(tmp_path / "a.antumbra"))  # as a process that merges
+    made = again.from_rows(again.request(camera(), LIGHTS, options), bits_of_bands(arrays))
+    np.testing.assert_array_equal(made.ground.share, whole.ground.share)
+    np.testing.assert_array_equal(made.image, whole.image)
+    assert (whole.ground.share < 1.0).any()

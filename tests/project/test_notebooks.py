@@ -5,6 +5,7 @@ import json
 import re
 import subprocess
 import sys
+import tomllib
 
 import pytest
 
@@ -40,18 +41,17 @@ def test_a_notebook_is_short_and_shows_pictures(path):
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_the_colab_button_is_hidden_and_one_command_shows_it(path, tmp_path):
-    pytest.importorskip("nbformat", reason="no nbformat: the Colab buttons of notebooks are NOT tested")
-    notebooks = tool(ROOT / "scripts" / "notebooks.py")
-    first, install = ("".join(cell["source"]) for cell in cells(path)[:2])
-    assert "<!-- [![Open in Colab](" in first and f"docs/notebooks/{path.name})" in first
-    assert install.startswith("# %pip install 'antumbra")
-    copy = tmp_path / path.name
-    copy.write_text(path.read_text())
-    notebooks.show_buttons(copy)
-    first, install = ("".join(cell["source"]) for cell in cells(copy)[:2])
-    assert "<!--" not in first and "\n[![Open in Colab](" in first and install.startswith("%pip install")
-    assert cells(copy)[2:] == cells(path)[2:]
+def test_the_colab_button_opens_this_notebook_and_installs_the_package_only_there(path):
+    with (ROOT / "pyproject.toml").open("rb") as file:
+        about = tomllib.load(file)["project"]
+    repository = about["urls"]["Source"]
+    text, install = ("".join(cell["source"]) for cell in cells(path)[:2])
+    address = repository.replace("https://github.com", "https://colab.research.google.com/github")
+    assert "\n[![Open in Colab](" in text and f"]({address}/blob/main/docs/notebooks/{path.name})" in text
+    assert f'@ git+{repository}"' in install
+    extras = re.search(r"antumbra\[([\w,]+)\]", install)[1].split(",")
+    assert "jit" in extras and set(extras) <= set(about["optional-dependencies"])
+    exec(install)  # outside Colab, it does nothing
 
 
 def test_the_terrain_is_that_of_its_results(tmp_path):

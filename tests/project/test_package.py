@@ -133,10 +133,10 @@ def test_readme_commands_are_one_line_each():
     readme = ROOT / "README.md"
     commands = "".join(snippets.blocks(readme.read_text(), "sh")).splitlines()
     assert commands == [
-        "python3 -m venv .venv && .venv/bin/pip install '.[jit]' && .venv/bin/antumbra render",
+        "python3 -m venv .venv && .venv/bin/pip install '.[jit]' && .venv/bin/antumbra render --size 1280x800",
         "python3 -m venv .venv && .venv/bin/pip install '.[test]' && .venv/bin/pytest",
     ]
-    assert snippets.command(readme, "antumbra render") == commands[0]
+    assert snippets.command(readme, "antumbra render --size 1280x800") == commands[0]
     assert snippets.command(readme, "pytest") == commands[1]
 
 

@@ -46,6 +46,13 @@ def test_each_table_of_figures_has_its_command_machine_and_date():
     assert [len(found) for found in sources] == [1] * len(sections)
 
 
+def test_bars_follow_their_numbers_and_those_of_ratios_below_one_are_grey():
+    about = {"command": "x", "date": "2026-01-02", "processor": "a Zen"}
+    made = figures.table("T", about, ["a", "ratio"], [["b", "2.00"], ["c", "0.50"]], [figures.Bars(["ratio"], True)])
+    assert '| b | 2.00 <span class="bar" style="width:100%"></span> |' in made and "|---|---|" in made
+    assert '| c | 0.50 <span class="bar below" style="width:25%"></span> |' in made
+
+
 def test_rows_without_a_match_are_an_error():
     with pytest.raises(LookupError, match="no rows"):
         figures.where([{"scene": "a"}], scene="b")
@@ -115,7 +122,7 @@ def test_newer_results_replace_transcribed_tables(title, results, row, tmp_path,
     (tmp_path / f"{name}.json").write_text(json.dumps({"machine": MACHINE, **results}))
     monkeypatch.setattr(figures, "RESULTS", tmp_path)
     monkeypatch.setattr(figures, "RERUN", {title: figures.RERUN[title]})
-    made, left = figures.transcribed(part)
+    made, left = (re.sub(r" <span.*?</span>", "", each) for each in figures.transcribed(part))
     assert row in made and made.startswith(f"### {title}") and left.startswith("### Another table")
     assert "`python benchmarks/x.py`: a Zen; 1 thread; 2026-01-02." in made
 
@@ -123,8 +130,12 @@ def test_newer_results_replace_transcribed_tables(title, results, row, tmp_path,
 def test_wrong_elsewhere_has_the_kept_results():
     page = (DOCS / "wrong-elsewhere.md").read_text(encoding="utf-8")
     rows = json.loads((DOCS / "results" / "wrong_elsewhere.json").read_text())["rows"]
-    lines = [f"| {r['case']} | {r['rays']:,} | {' | '.join(f'{n:,}' for n in r['wrong'].values())} |" for r in rows]
-    assert len(lines) > 10 and [line for line in lines if line not in page] == []
+    shown = [line.strip("|").split(" | ") for line in page.splitlines() if line.startswith("| ") and " · " in line]
+    counts = {cells[0].partition(" (of")[0].strip(): cells[1:] for cells in shown}
+    assert len(rows) > 10 and {row["case"] for row in rows} == set(counts)
+    for row in rows:
+        cells = [cell.replace("·", "0").replace(",", "") for cell in counts[row["case"]]]
+        assert list(map(int, cells)) == [*row["wrong"].values()]
 
 
 # Reference
@@ -201,6 +212,88 @@ def test_job_pages_begin_with_a_picture_and_the_work_as_a_command_and_in_python(
     assert pairs and title.startswith("# ") and picture.startswith(("![", "```{live} ")) and "```" not in sentence
 
 
+PAGE = """# Page
+
+```python
+from PIL import Image
+
+Image.new("RGB", (8, 8), "red").save("red.png")
+print(f"{1 + 1} in {0.5} s")
+```
+
+```text
+2 in 7.0 s
+```
+
+![Red](images/blocks/red.webp)
+
+```python
+print(3)
+```
+
+```text
+4
+```
+"""
+
+
+def test_results_that_a_page_shows_are_those_of_its_blocks(tmp_path, capsys):
+    """Times may differ, as may pictures by less than a shade."""
+    page = tmp_path / "page.md"
+    page.write_text(PAGE)
+    stale = snippets.run([page], lambda block: block.language == "python")
+    assert [each.removeprefix(f"{page}:") for each in stale] == [
+        "3: draws another picture than images/blocks/red.webp",
+        "16: prints\n3\n",
+    ]
+    assert page.read_text() == PAGE and snippets.run([page], lambda _: False, store=True) == []
+    assert snippets.run([page], lambda block: block.language == "python", store=True) == []
+    assert page.read_text() == PAGE.replace("7.0 s", "0.5 s").replace("\n4\n", "\n3\n")
+    assert snippets.run([page], lambda block: block.language == "python") == []
+
+
+def test_the_quick_start_shows_what_its_blocks_print():
+    text = (DOCS / "quickstart.md").read_text(encoding="utf-8")
+    printing = [block for block in snippets.page_blocks(text) if "print(" in block.code]
+    assert len(printing) > 10 and [block.code for block in printing if not (block.printed and block.printed[1])] == []
+    pictures = [block.picture[1] for block in snippets.page_blocks(text) if block.picture]
+    assert len(pictures) >= 4 and all((DOCS / each).is_file() for each in pictures)
+
+
+def test_help_is_parted_into_names_and_texts(extension):
+    pytest.importorskip("sphinx", reason="the pages of commands are NOT checked without Sphinx")
+    shown = extension("help")
+    lines = ["  --a FILE  Long.  [default: b]", "  --much-longer NAME", "      Next line.", "  -q, --quiet  Hush."]
+    assert shown.records_of(lines) == [
+        ("--a FILE", "Long.  [default: b]"),
+        ("--much-longer NAME", "Next line."),
+        ("-q, --quiet", "Hush."),
+    ]
+    options = shown.help_text("sun").partition("\nOptions:\n")[2].partition("\n\n")[0]
+    records = dict(shown.records_of(options.split("\n")))
+    assert len(records) > 15 and all(records.values()) and records["--energy"].startswith("Add the direct energy")
+
+
+def test_each_program_of_the_gallery_is_a_page(extension):
+    pytest.importorskip("myst_parser", reason="the pages of the gallery are NOT checked without myst-parser")
+    pictures = extension("pictures")
+    programs = {each.name: each for each in pictures.gallery.programs()}
+    page = pictures.page_of(programs["first"])
+    assert page.startswith("# The first picture\n\n![The first picture](../images/gallery/first.webp)")
+    assert "```sh\nantumbra render" in page and "Scene: `procedural:atrium` [comes with the package]" in page
+    assert "San Miguel by Guillermo" in pictures.page_of(programs["courtyard"])
+    assert all(pictures.page_of(each).endswith(f"{{download}}`{each.path.name}`\n") for each in programs.values())
+
+
+def test_comments_are_left_out_of_pages(extension):
+    nodes = pytest.importorskip("docutils.nodes", reason="comments are NOT checked without docutils")
+    page = pytest.importorskip("docutils.utils").new_document("page")
+    page += nodes.paragraph("", "", nodes.Text("7"), nodes.raw("", "<!-- x: 7 -->", format="html"))
+    page += nodes.raw("", "<details>", format="html")
+    extension("comments").drop_comments(None, page)
+    assert page.astext() == "7\n\n<details>"
+
+
 def test_a_command_and_the_python_after_it_become_tabs(extension):
     nodes = pytest.importorskip("docutils.nodes", reason="tabs are NOT checked without docutils")
     pytest.importorskip("sphinx_design", reason="tabs are NOT checked without sphinx-design")
@@ -226,6 +319,18 @@ def test_long_commands_break_before_options_and_remain_the_same_command(extensio
     assert len(lines) == 2 and max(map(len, lines)) <= 86 and lines[1].startswith("    --")
     assert shlex.split(broken(long).replace("\\\n", "")) == shlex.split(long)
     assert broken("antumbra render") == "antumbra render" and broken(f"{long}  # why") == f"{long}  # why"
+
+
+def test_options_and_dates_of_commands_stay_whole_on_narrow_screens(extension):
+    keep = extension("long_commands").keep_whole
+    shell = '<div class="highlight-sh notranslate"><pre>a --step <span class="m">2026</span>-03-21 {}</pre></div>'
+    end, next_line = "\n", '<span class="w">    </span>'
+    page = keep(shell.format(f'<span class="se">\\</span>{end}{next_line}b &#39;c-d&#39; {"e-" * 40}') + "<p>f-g</p>")
+    assert re.findall('<span class="whole">(.*?)</span>', page) == ["--step", "-03-21", "&#39;c-d&#39;"]
+    assert f'<span class="continued"><span class="se">\\</span>{end}{next_line}</span>b' in page
+    assert page.endswith("<p>f-g</p>")
+    assert keep('<span class="pre">--up</span>') == '<span class="pre whole">--up</span>'
+    assert keep(f'<span class="pre">{"g" * 40}</span>') == f'<span class="pre">{"g" * 40}</span>'
 
 
 def test_links_have_texts():

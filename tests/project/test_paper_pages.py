@@ -197,6 +197,10 @@ def test_verdicts_follow_the_numbers():
     assert claims.judged(claim, {"pair": (2.0, 7)})[1:] == ("2.0, 7 %", claims.HOLDS, "once")
     assert claims.judged(claim, {"pair": (1.9, 7)})[1:] == ("1.9, 7 %", claims.FAILS, "slow; once")
     assert claims.judged(claim._replace(holds=None), {"pair": (2.0, 7)}).verdict == claims.UNTRIED
+    span = claim._replace(ours="{:.1f} to {:.1f} times")
+    assert [claims.judged(span, {"pair": pair}).ours for pair in ((2.0, 2.04), (2.0, 2.5), (2.0, 20))] == [
+        "2.0 times", "2.0 to 2.5 times", "2.0 to 20.0 times",
+    ]  # fmt: skip
     with pytest.raises(KeyError):  # results without the number
         claims.judged(claim, {})
     judged = claims.judged(claim, results_of(tables={"boxes": table_of()}))
@@ -212,7 +216,7 @@ def test_verdicts_follow_the_numbers():
 @pytest.mark.parametrize("name", pages.PAPERS)
 def test_claims_have_a_verdict_and_a_reason_if_they_do_not_hold(name):
     rows = claims.all_judged(name, pages.present_results(name))
-    assert len(rows) >= 18 and {row.verdict for row in rows} == {claims.HOLDS, claims.FAILS, claims.UNTRIED}
+    assert len(rows) >= 18 and {row.verdict for row in rows} >= {claims.HOLDS, claims.FAILS}
     for row in rows:
         assert row.claim.section and row.claim.text and "|" not in "".join((row.claim.text, row.ours, row.why))
         assert row.ours or row.verdict == claims.UNTRIED

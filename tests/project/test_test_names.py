@@ -54,12 +54,13 @@ THROUGH = {
         base/pickles scene/map_degrees scene/moved_geometry
     """,
     "stores that are built and read": """
-        store/chunk_sorting store/staged_looks
+        store/chunk_sorting store/staged_looks store/store_directory store/store_writer
     """,
     "the study of the folder": """
         city/sight/line_points city/shadow/plane_projection city/shadow/shadow_polygons
         city/skyline/edge_projection city/tables/surface_columns city/tables/polygon_files city/pv/modules
-        city/pv/pv_options city/sight/observers city/sun/route_options baking/emission
+        city/pv/pv_options city/sight/observers city/sun/route_options baking/converted_scenes
+        baking/emission
         scene/height_surveys
     """,
     "commands": """

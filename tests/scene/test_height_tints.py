@@ -1,5 +1,7 @@
 """Terrain is tinted by height in pictures and pages; its own colours, studies and bits stay as they are."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -53,15 +55,41 @@ def test_measured_pictures_have_the_colour_of_the_scene(options):
     assert (frame.layers.albedo[frame.gbuffer.face >= 0] == scene.colours[0]).all()
 
 
-def test_a_store_of_a_raster_has_its_picture(tmp_path):
+@pytest.mark.parametrize("name, options", [("hills.antumbra", {}), ("hills.tiles", {"tile": 9_000})])
+def test_a_store_or_tiles_of_a_raster_have_its_picture(name, options, tmp_path):
     pytest.importorskip("rasterio", reason="stores of rasters are NOT compared without rasterio")
     scene = at.load(at.examples.file_of("hills"))
-    at.build_store([at.examples.file_of("hills")], tmp_path / "hills.antumbra")
-    stored = at.load(tmp_path / "hills.antumbra")
+    at.build_store([at.examples.file_of("hills")], tmp_path / name, **options)
+    assert len(list(Path(tmp_path).glob("*.antumbra"))) > (1 if options else 0)
+    stored = at.load(tmp_path / name)
     camera = scene.default_camera(48, 32)
     frames = [at.render(each, camera, scene.default_lights(), spp=1) for each in (scene, stored)]
     assert np.array_equal(frames[0].gbuffer.face >= 0, frames[1].gbuffer.face >= 0)
     assert np.array_equal(frames[0].image, frames[1].image)
+
+
+def test_terrain_has_the_tints_of_its_heights_after_an_update():
+    scene = at.from_raster((SLOPE, PLACE))
+    before = picture_of(scene)
+    scene.update(transform=np.diag([1.0, 1.0, 2.0, 1.0]))
+    after = picture_of(scene)
+    seen = after.gbuffer.face >= 0
+    tints = after.layers.albedo[seen]
+    assert np.array_equal(tints, height_tints(scene.data, after.gbuffer.position)[seen])
+    assert len(np.unique(tints, axis=0)) == len(np.unique(before.layers.albedo[seen], axis=0)) > 8
+
+
+def test_two_surfaces_share_a_ramp():
+    ground = at.from_raster((SLOPE, PLACE), ground=(SLOPE - 5.0, PLACE))
+    assert ground.data.terrain is None
+    frame = picture_of(ground)
+    seen = frame.gbuffer.face >= 0
+    assert np.array_equal(frame.layers.albedo[seen], height_tints(ground.data, frame.gbuffer.position)[seen])
+
+
+def test_scenes_with_colours_of_their_own_have_no_tints():
+    city = at.procedural("city", triangles=2_000).data
+    assert not city.of_heights and height_tints(city, city.triangles().vertices) is None
 
 
 def test_terrain_below_a_model_keeps_the_plain_colour():

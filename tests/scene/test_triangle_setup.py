@@ -7,7 +7,7 @@ import pytest
 
 import antumbra as at
 from antumbra.engine.plan import covering_plans
-from antumbra.scene.triangle_setup import rows_with_area, solid_vertices, survey
+from antumbra.scene.triangle_setup import face_rows, rows_with_area, solid_vertices, survey
 from antumbra.scene.triangles import Triangles
 from devices import device_plans
 
@@ -23,6 +23,13 @@ def has_area(triangle) -> bool:
 def on_lines(n, steps=64):
     """Three points of a line each, exact in float32."""
     return RNG.integers(-9, 10, (n, 1, 3)) + RNG.integers(-steps, steps, (n, 3, 1)) * RNG.integers(-3, 4, (n, 1, 3)) / 8
+
+
+@pytest.mark.parametrize("n", [0, 1, 5, 3 * 8192, 3 * 8193 + 2, 80_000])
+@pytest.mark.parametrize("threads", [1, 2])
+def test_rows_of_a_table_are_those_of_faces_and_the_first_one_of_none(n, threads):
+    table, face = RNG.random((50, 3), np.float32), RNG.integers(-1, 49, n).astype(np.int32)
+    np.testing.assert_array_equal(face_rows(table, face, threads), table[face + 1])
 
 
 def shaken(soup):

@@ -1,5 +1,7 @@
 """A build resumes in any of its stages, and only what was not done is done again."""
 
+import shutil
+
 import numpy as np
 import pytest
 
@@ -96,6 +98,20 @@ def test_a_damaged_part_is_made_again(cli, tmp_path, small_units, done):
     assert done.finished["build"].count(0) == 2 and made == 3
     at.build_store(tmp_path / "a.ply", tmp_path / "b.antumbra")
     assert (tmp_path / "a.antumbra").read_bytes() == (tmp_path / "b.antumbra").read_bytes()
+
+
+def test_parts_of_another_version_are_refused_in_one_line(cli, tmp_path, small_units, done):
+    (tmp_path / "a.ply").write_bytes(ply())
+    done.limit = "sort", 1
+    assert build(cli).code == 130
+    done.limit = None
+    for path in (tmp_path / "a.parts").rglob("*.npz"):
+        with np.load(path) as archive:
+            older = {name: array for name, array in archive.items() if name != "copies"}
+        np.savez(path, **older)
+    build(cli).refused("a.parts", "another version of antumbra", "delete it, and build again")
+    shutil.rmtree(tmp_path / "a.parts")
+    assert build(cli).code == 0
 
 
 def test_scenes_of_unknown_files_neither_resume_nor_are_split(cli, tmp_path):

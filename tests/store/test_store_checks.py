@@ -203,6 +203,23 @@ def test_forged_metadata(whole, field):
     assert True in outcomes
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"box": [[0, 0, 0]]},
+        {"box": [[1e30] * 3, [1e30] * 3]},
+        {"dense": [0, 0]},
+        {"dense": [float("nan")] * 3},
+        {"more": 1},
+    ],
+    ids=str,
+)
+def test_forged_detail(whole, change):
+    forged = ForgedStore(whole[1])
+    forged.meta["detail"].update(change)
+    assert check_forged(whole, forged, refused=True)
+
+
 @pytest.mark.parametrize("value", FLOATS)
 def test_forged_frames(whole, value):
     """The origin and the box follow from the bounds, so that none of them can be changed alone."""

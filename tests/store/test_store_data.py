@@ -50,6 +50,15 @@ def test_too_many_objects_become_one_and_a_note_says_so(tmp_path, monkeypatch):
     assert "71 objects, or the ranges of their faces, are too many" in store.notes[-1]
 
 
+def test_tiles_of_one_object_keep_it_however_many_triangles_there_are(tmp_path, monkeypatch):
+    monkeypatch.setattr(read_units, "MAX_TRIANGLES", 100)
+    heights = np.random.default_rng(1).uniform(0.0, 9.0, (20, 30))
+    terrain = at.from_raster((heights, (2.0, 0.0, 80_000.0, 0.0, -2.0, 450_000.0)))
+    at.build_store(terrain, tmp_path / "a.tiles", chunk=99, tile=500)
+    store = at.load(tmp_path / "a.tiles")
+    assert named(store) == named(terrain) and len(store.store.tiles) > 1 and store.data.of_heights
+
+
 @pytest.mark.parametrize(
     "change, fault",
     [

@@ -250,7 +250,8 @@ def test_cutouts_among_more_faces_than_int32_numbers_are_refused(tmp_path, monke
     path.write_bytes(manifest_to_json(meta, [tiles[0], *far]))
     with pytest.raises(at.InputError, match=r"a\.tiles: 2147483740 triangles, some of which let light pass; at most"):
         at.load(path)
-    monkeypatch.setattr("antumbra.store.tiled_store.MAX_TRIANGLES", 80)
+    for module in ("store_checks", "tiled_store"):
+        monkeypatch.setattr(f"antumbra.store.{module}.MAX_TRIANGLES", 80)
     with pytest.raises(at.InputError, match=r"b\.tiles: 92 triangles, some of which let light pass; at most 80 may"):
         at.build_store(scene, tmp_path / "b.tiles", tile=30)
     assert not (tmp_path / "b.tiles").exists()

@@ -12,6 +12,7 @@ from antumbra.engine.sources.paged_source import Paged
 from antumbra.engine.sources.source_protocols import FrameMemory
 from antumbra.formats import obj_stream
 from antumbra.formats.gltf import gltf_file
+from antumbra.scene import shared_vertices
 from antumbra.scene.face_looks import StreamedLooks
 from antumbra.store import store_build, stored_looks
 from antumbra.store.store_build import PieceSizes
@@ -123,19 +124,58 @@ def test_shards_write_the_same_bytes_and_tiles_show_the_same_pictures(cli, file,
     assert_same_pictures(whole[0], tiles, OPTIONS[:2])
 
 
-def test_a_mesh_read_in_ranges_differs_at_their_borders_only(file, whole, tmp_path, monkeypatch):
+def test_a_mesh_read_in_ranges_has_the_bytes_of_the_whole(file, whole, tmp_path, monkeypatch):
+    """Shading at the borders of ranges depends on the faces of several, which are added up by numbers of vertices.
+
+    In an OBJ file whose corners name normals by numbers of their own, vertices have none, as a note says.
+    """
     monkeypatch.setattr(gltf_file, "FEW_ELEMENTS", 0)
     monkeypatch.setattr("antumbra.formats.gltf.gltf_source.FACES_PER_PIECE", 100)
     monkeypatch.setattr(obj_stream, "FACES_PER_PIECE", 100)
-    at.build_store(file, tmp_path / "a.antumbra", chunk=16)
-    store = at.load(tmp_path / "a.antumbra")
-    borders = "was read in ranges of faces, at whose borders smooth shading may differ slightly"
-    assert any(note.startswith(f"{file.name}: {borders}") for note in store.notes)
-    assert_same_pictures(whole[0], store, [{"smooth_normals": False, "materials": "diffuse"}])
-    found, expected = store.data.stored_looks.of(np.arange(whole[0].n_triangles)), whole[0].appearance
-    for name in ("uv", "second_uv", "colours", "normals", "textured", "mapped", "hands"):
-        assert np.array_equal(getattr(found, name), getattr(expected, name)), name
-    assert 0.0 < (found.bends != expected.bends).any(1).mean() < 0.9
+    for gap, window in ((1 << 8, 1 << 18), (3, 16)):
+        monkeypatch.setattr(shared_vertices, "_GAP", gap)
+        monkeypatch.setattr(shared_vertices, "_WINDOW", window)
+        at.build_store(file, tmp_path / "a.antumbra", chunk=16)
+        store = at.load(tmp_path / "a.antumbra")
+        borders = "was read in ranges of faces, at whose borders smooth shading may differ slightly"
+        if not any(note.startswith(f"{file.name}: {borders}") for note in store.notes):
+            assert (tmp_path / "a.antumbra").read_bytes() == whole[1]
+            continue
+        assert file.suffix == ".obj"
+        assert_same_pictures(whole[0], store, [{"smooth_normals": False, "materials": "diffuse"}])
+        found, expected = store.data.stored_looks.of(np.arange(whole[0].n_triangles)), whole[0].appearance
+        for name in ("uv", "second_uv", "colours", "normals", "textured", "mapped", "hands"):
+            assert np.array_equal(getattr(found, name), getattr(expected, name)), name
+        assert 0.0 < (found.bends != expected.bends).any(1).mean() < 0.9
+
+
+def test_an_obj_file_whose_normals_have_the_numbers_of_vertices(tmp_path, monkeypatch):
+    monkeypatch.setattr(obj_stream, "FACES_PER_PIECE", 50)
+    n = 20
+    x, z = (each.ravel() for each in np.meshgrid(np.arange(n), np.arange(n)))
+    y, slope = np.sin(x / 2.0) + 0.1 * (x * z % 3), -np.cos(x / 2.0) / 2.0
+    lines = [f"v {a} {b:.6f} {c}" for a, b, c in zip(x, y, z)] + [f"vn {a:.6f} 1 0" for a in slope]
+    a = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel() + 1
+    faces = np.concatenate([np.stack([a, a + n, a + 1], 1), np.stack([a + 1, a + n, a + n + 1], 1)])
+    lines += [" ".join(["f", *(f"{k}//{k}" for k in face)]) for face in faces.tolist()]
+    (tmp_path / "a.obj").write_text("\n".join(lines) + "\n")
+    scene = at.load(tmp_path / "a.obj")
+    at.build_store(scene, tmp_path / "whole.antumbra", chunk=64)
+    at.build_store(tmp_path / "a.obj", tmp_path / "a.antumbra", chunk=64)
+    assert (tmp_path / "a.antumbra").read_bytes() == (tmp_path / "whole.antumbra").read_bytes()
+    assert scene.appearance.bends.any()
+
+
+def test_a_disk_without_room_for_shared_vertices(tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    FILES["a.glb"](tmp_path, "a.glb")
+    monkeypatch.setattr(gltf_file, "FEW_ELEMENTS", 0)
+    monkeypatch.setattr("antumbra.formats.gltf.gltf_source.FACES_PER_PIECE", 100)
+    monkeypatch.setattr(shared_vertices, "_write", full)
+    with pytest.raises(at.InputError, match=r"a.glb: its vertices have no room in .* \(No space left on device\)"):
+        at.build_store(tmp_path / "a.glb", tmp_path / "a.antumbra")
 
 
 def test_space_for_looks_is_asked_for_before_it_is_taken(file, tmp_path, monkeypatch):
@@ -164,7 +204,7 @@ def test_bare_pictures_are_those_of_the_file(cli, file, tmp_path):
         assert cli("build", file.name, "-o", name, "-q").code == 0
     for size in ("64x48", "30x70"):
         for k, name in enumerate((file.name, "s.antumbra", "s.tiles")):
-            assert cli("render", name, "-o", f"{k}.png", "--size", size, "--ground", "off", "-q").code == 0
+            assert cli("render", name, "-o", f"{k}.png", "--size", size, "-q").code == 0
         whole, store, tiles = ((tmp_path / f"{k}.png").read_bytes() for k in range(3))
         assert whole == store == tiles
 

@@ -128,7 +128,11 @@ def met_by(query, corners) -> np.ndarray:
 
 def receivers_in(rays: LeafRays) -> np.ndarray:
     """(leaves, ways) int32: the receivers of each leaf; -1: none."""
-    ids = rays.ids[:-PAD].reshape(-1, rays.ways)[rays.blocks]
+    if rays.width:  # projected
+        y, x = np.divmod(rays.blocks[:, None], -(-rays.width // 4))
+        ids = (4 * y + np.arange(16) // 4) * rays.width + 4 * x + np.arange(16) % 4
+    else:
+        ids = rays.ids[:-PAD].reshape(-1, rays.ways)[rays.blocks]
     return np.where(rays.lanes[:, None] >> np.arange(rays.ways) & 1, ids, -1)
 
 

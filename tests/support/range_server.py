@@ -22,9 +22,6 @@ class RangeServer:
         self.requests, self.sent = [], 0
 
 
-_PORTS: set[int] = set()  # each serves once: GDAL remembers what it read from an address
-
-
 @contextmanager
 def serving(folder: Path, monkeypatch, ranges: bool = True):
     """A `RangeServer` of a folder, at `url`; without ranges, it sends whole files, as simple servers do."""
@@ -33,10 +30,6 @@ def serving(folder: Path, monkeypatch, ranges: bool = True):
     monkeypatch.setenv("GDAL_HTTP_MAX_RETRY", "0")
     server = RangeServer(folder, ranges)
     web = ThreadingHTTPServer(("127.0.0.1", 0), _handler_of(server))
-    while web.server_address[1] in _PORTS:
-        web.server_close()
-        web = ThreadingHTTPServer(("127.0.0.1", 0), _handler_of(server))
-    _PORTS.add(web.server_address[1])
     web.daemon_threads = True
     server.url = f"http://127.0.0.1:{web.server_address[1]}"
     thread = Thread(target=web.serve_forever, args=(0.02,), daemon=True)

@@ -61,7 +61,7 @@ def test_the_panel_names_lights_and_blockers(model):
     text = describe_point(found)
     for word in "sun", "Sky", "lamp", "0 % of 256", f"behind face {found.sights[0].blocker.index}", "box &amp; floor":
         assert word in text, word
-    assert "<td>seen</td>" in describe_point(probe(model, np.array([0.0, 9.0, 4.0]), DOWN))
+    assert "<td>visible</td>" in describe_point(probe(model, np.array([0.0, 9.0, 4.0]), DOWN))
 
 
 def test_lines_end_at_lights_and_blockers(model):

@@ -3,6 +3,7 @@
 - `bake`: `bake`, from a scene to a file: textures, vertex attributes, image files, and the report
 - `bake_options`: quantities and options, with their checks
 - `bake_input`: the scene to measure, its lights, and the glTF file to edit
+- `converted_scenes`: any scene as a new glTF file; `stored_shapes`: the meshes of a store
 - `surface_meter`: rays from all receivers, and values from their occlusion bits
 - `bounces`: light that has met surfaces on its way, along paths of diffuse rays
 - `emission`: the light that materials emit

@@ -64,7 +64,7 @@ class BakedVertices(NamedTuple):
 
     scene: Scene
     values: np.ndarray  # (v, c) float32: of all parts, as measured
-    corners: np.ndarray  # (faces, 3) int64: rows of `values`
+    corners: np.ndarray  # (n, 3) int64: rows of `values`, of the faces of the scene; -1: the file lacks the face
 
 
 class Baked(NamedTuple):
@@ -130,7 +130,7 @@ def bake_textures(
     source: BakeScene, options: BakeOptions, output: Path, clock: PhaseClock, executor: Executor
 ) -> Baked | None:
     """Measure the texels of all sheets and write the files; None if the executor leaves texels to other shards."""
-    scene, asset, parts, double_sided, emission, _, notes = source
+    scene, asset, parts, double_sided, emission, _, notes, _ = source
     accessors, size = accessors_of(asset, scene.name), options.texture
     assert size is not None
     sheets = atlas(parts, size) if options.uv is None else uv_set_sheets(parts, accessors, options.uv, size)
@@ -225,7 +225,7 @@ def bake_vertices(
     source: BakeScene, options: BakeOptions, output: Path, clock: PhaseClock, executor: Executor
 ) -> Baked | None:
     """Measure the vertices of all parts and write the file; None if the executor leaves vertices to other shards."""
-    scene, asset, parts, double_sided, emission, is_new, notes = source
+    scene, asset, parts, double_sided, emission, is_new, notes, faces = source
     meter = Meter(scene, meter_settings(options, scene), sum(len(p.positions) for p in parts), emission)
     receivers = vertex_receivers(parts)
     measurement = Measurement(meter, receivers, curve_blocks(receivers.positions), False, executor.folder)
@@ -272,8 +272,20 @@ def bake_vertices(
         seam=None,
         seconds=clock.seconds,
         notes=tuple(notes),
-        vertices=BakedVertices(scene, values, faces_of(parts).faces),
+        vertices=BakedVertices(scene, values, _in_order(faces_of(parts).faces, faces, scene.n_triangles)),
     )
+
+
+def _in_order(corners: NDArray[np.int64], faces: NDArray[np.integer] | None, n_triangles: int) -> NDArray[np.int64]:
+    """The corners of the faces of a scene, from those of a file; faces without area are in no file of a store.
+
+    faces : the face of the scene that each face of the file is; None: they are in order
+    """
+    if faces is None:
+        return corners
+    out = np.full((n_triangles, 3), -1, np.int64)
+    out[faces] = corners
+    return out
 
 
 def _split(values: np.ndarray, parts: list[NodePrimitive]) -> list[np.ndarray]:

@@ -19,15 +19,13 @@ from ..formats.format_registry import GLB, GLTF, format_of
 from ..formats.gltf.accessors import Accessors
 from ..formats.gltf.gltf_asset import Asset, open_asset
 from ..formats.gltf.gltf_file import open_gltf
-from ..formats.gltf.gltf_writer import Json, up_axis_transform
 from ..kernels.small_matrices import product
 from ..picture.image_files import automatic_exposure
-from ..scene.appearance import normals_from_frames
 from ..scene.camera import axes
 from ..scene.light_lists import without_interleave
 from ..scene.lights import DirectionalLight, Light
-from ..scene.mesh import Piece
 from .bake_options import BakeOptions
+from .converted_scenes import scene_to_asset
 from .emission import emitted_radiance
 from .gltf_primitives import NodePrimitive, primitive_json, read_primitives
 from .surface_meter import MeterSettings
@@ -76,7 +74,6 @@ def exposure_of(values: NDArray[np.float32], options: BakeOptions) -> float:
 
 _INSTANCING = "EXT_mesh_gpu_instancing"
 _PROPERTIES = {"TRANSLATION": ("VEC3", "translation"), "ROTATION": ("VEC4", "rotation"), "SCALE": ("VEC3", "scale")}
-_MOST_MATERIALS = 256
 
 
 class BakeSource(NamedTuple):
@@ -89,13 +86,14 @@ class BakeSource(NamedTuple):
 class BakeScene(NamedTuple):
     """A scene, and its glTF file to edit."""
 
-    scene: Scene  # the original scene: all rays are traced in it, so lights are in its frame
+    scene: Scene  # the original scene, or store: all rays are traced in it, so lights are in its frame
     asset: Asset
     parts: list[NodePrimitive]  # of the asset, in the frame of the scene
     double_sided: NDArray[np.bool_]  # (n,) bool: the faces of the scene whose material in the file is double-sided
     emission: NDArray[np.float32] | None  # (n, 3): radiance of the faces of the scene; None: none emits light
     is_new: bool  # the file is created from the scene, so its COLOR_0 are base colours
     notes: list[str]  # what the file loses
+    faces: NDArray[np.integer] | None = None  # (f,): the faces of the scene that those of the parts are; None: in order
 
 
 def bake_source(scene: SceneLike, up: str | None = None) -> BakeSource:
@@ -119,17 +117,17 @@ def open_source(source: BakeSource, time: float, emits: bool) -> BakeScene:
     Raises
     ------
     InputError
-        If the file cannot be read, the scene is in a store, or its coordinates are no lengths.
+        If the file cannot be read, the scene is in a store and does not fit in memory, or its coordinates are no
+        lengths.
     """
     file, scene = source.file, cast(Scene, measured_scene(source.scene))
-    scene.data.check_resident()
     if file is None:
-        asset = scene_to_asset(scene, time)
+        asset, faces = scene_to_asset(scene, time)
         parts = read_primitives(_scene_of_asset(asset, scene.name), asset, time)
         _scale_to_metres(asset, scene.unit.metres)
         parts = parts if scene.up == "y" else [_in_scene_frame(part, axes(scene.up)) for part in parts]
         double_sided = np.ones(scene.n_triangles, bool)  # as `_material` writes them
-        return BakeScene(scene, asset, parts, double_sided, None, True, _conversion_notes(scene))
+        return BakeScene(scene, asset, parts, double_sided, None, True, _conversion_notes(scene), faces)
     asset, read = open_asset(file), scene
     double_sided = _double_sided_faces(scene, asset, time)
     emission, notes = emitted_radiance(scene, asset, time) if emits else (None, list[str]())
@@ -141,7 +139,8 @@ def open_source(source: BakeSource, time: float, emits: bool) -> BakeScene:
 
 def _conversion_notes(scene: Scene) -> list[str]:
     """What a scene loses when it becomes a new glTF file."""
-    n = 0 if scene.appearance is None else len(scene.appearance.textures)
+    looks = scene.data.stored_looks or scene.appearance
+    n = 0 if looks is None else len({each.texture for each in looks.materials} - {None})
     if not n:
         return []
     return [
@@ -181,112 +180,6 @@ def _in_scene_frame(part: NodePrimitive, frame: np.ndarray) -> NodePrimitive:
     """A part in the frame of a scene whose right, up and backward axes are the rows of `frame`."""
     positions, normals = product(part.positions, frame), product(part.normals, frame)
     return part._replace(positions=positions, normals=normals, linear=product(frame.T, part.linear))
-
-
-def scene_to_asset(scene: Scene, time: float) -> Asset:
-    """A scene in memory as glTF: its triangles at a time, with base colours and the normals of its vertices.
-
-    A scene with +Z up is rotated.
-    """
-    asset = Asset()
-    root: Json = {"name": scene.name, "translation": scene.origin.tolist(), "children": []}
-    if scene.up == "z":
-        asset.add_root({"name": "upright", "children": [asset.add("nodes", root)], **up_axis_transform(scene.up)})
-    else:
-        asset.add_root(root)
-    materials: dict[bytes, int] = {}
-    first, frames = 0, None if scene.appearance is None else scene.appearance.normals
-    for piece in scene.source.pieces(scene.clamped(time)):
-        vertices = (
-            piece.vertices
-            if piece.towards is None
-            else ((1.0 - piece.share) * piece.vertices + piece.share * piece.towards)
-        )
-        for copy in vertices:
-            faces = np.arange(len(copy)).reshape(-1, 3) if piece.faces is None else piece.faces
-            rows = slice(first, first + len(faces))
-            shape = _Shape(
-                (copy.astype(np.float64) - scene.origin).astype(np.float32),
-                faces,
-                _normals_of(piece, copy, faces, None if frames is None else frames[rows]),
-                np.broadcast_to(piece.colour, (len(faces), 3)),
-            )
-            name = piece.where.rpartition('mesh "')[2].rstrip('"') or scene.name
-            mesh = asset.add("meshes", {"name": name, "primitives": _primitives(asset, shape, materials)})
-            root["children"].append(asset.add("nodes", {"name": name, "mesh": mesh}))
-            first = rows.stop
-    return asset
-
-
-class _Shape(NamedTuple):
-    """Triangles to write."""
-
-    vertices: NDArray[np.float32]  # (v, 3)
-    faces: NDArray[np.integer]  # (f, 3)
-    normals: NDArray[np.float32] | None  # (v, 3) unit, 0: none
-    colours: NDArray[np.float32]  # (f, 3), linear
-
-    def part(self, faces: NDArray[np.integer] | NDArray[np.bool_]) -> "_Shape":
-        """Some of the faces, with the vertices that they use."""
-        used, corners = np.unique(self.faces[faces], return_inverse=True)
-        normals = None if self.normals is None else self.normals[used]
-        return _Shape(self.vertices[used], corners.reshape(-1, 3), normals, self.colours[faces])
-
-
-def _normals_of(
-    piece: Piece, vertices: np.ndarray, faces: NDArray[np.integer], frames: NDArray[np.float32] | None
-) -> NDArray[np.float32] | None:
-    """(v, 3) float32: unit normals of a copy's vertices; 0 where there is none. None: no vertex has one.
-
-    frames : `Appearance.normals` of the copy's faces, which move with them
-    """
-    look = piece.look
-    if frames is None or look is None or look.normals is None or look.rest_positions is None:
-        return None
-    if piece.linear is None and np.array_equal(vertices, look.rest_positions):
-        normals = look.normals.astype(np.float64)
-    else:  # the mean over the corners at a vertex, which agree where nothing bends
-        corners, normals = normals_from_frames(vertices[faces].astype(np.float64), frames), np.zeros(vertices.shape)
-        np.add.at(normals, faces.reshape(-1), corners.reshape(-1, 3))
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    return np.asarray(normals / np.where(length > 0.0, length, 1.0), np.float32)
-
-
-def _primitives(asset: Asset, shape: _Shape, materials: dict[bytes, int]) -> list[Json]:
-    """A primitive for each colour, once with normals and once for the faces without."""
-    if shape.normals is None:
-        return _coloured_primitives(asset, shape, materials)
-    has_normals = (shape.normals[shape.faces] != 0.0).any(2).all(1)
-    parts = shape.part(has_normals), shape.part(~has_normals)._replace(normals=None)
-    return [
-        primitive for part in parts if len(part.faces) for primitive in _coloured_primitives(asset, part, materials)
-    ]
-
-
-def _coloured_primitives(asset: Asset, shape: _Shape, materials: dict[bytes, int]) -> list[Json]:
-    """A primitive for each colour of the faces."""
-    kinds, of_face = np.unique(shape.colours, axis=0, return_inverse=True)
-    of_face = of_face.reshape(-1)
-    if len(kinds) > _MOST_MATERIALS:  # vertex colours instead; a vertex with several colours is duplicated
-        keys, corners = np.unique(shape.faces.astype(np.int64) * len(kinds) + of_face[:, None], return_inverse=True)
-        vertex, white = keys // len(kinds), _material(asset, np.ones(3), materials)
-        normals = None if shape.normals is None else shape.normals[vertex]
-        return [asset.primitive(shape.vertices[vertex], corners, kinds[keys % len(kinds)], normals, material=white)]
-    primitives = []
-    for k, colour in enumerate(kinds):
-        part = shape.part(of_face == k)
-        material = _material(asset, colour, materials)
-        primitives.append(asset.primitive(part.vertices, part.faces, normals=part.normals, material=material))
-    return primitives
-
-
-def _material(asset: Asset, colour: np.ndarray, materials: dict[bytes, int]) -> int:
-    """The index of the material of a colour, which is added if `materials` lacks it."""
-    key = np.asarray(colour, np.float32).tobytes()
-    if key not in materials:
-        model = {"baseColorFactor": [*map(float, colour), 1.0], "metallicFactor": 0.0}
-        materials[key] = asset.add("materials", {"pbrMetallicRoughness": model, "doubleSided": True})
-    return materials[key]
 
 
 def _has_instancing(asset: Asset) -> bool:

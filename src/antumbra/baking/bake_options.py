@@ -71,12 +71,12 @@ class BakeKeywords:
     )
     """Vertex attribute: ``COLOR_0``, or a name that begins with an underscore. None: ``COLOR_0``, or ``_BENT_NORMAL``
     for bent normals."""
-    multiply: bool = option(False, flag, "Multiply the file's COLOR_0 instead of replacing it.")
+    multiply: bool = option(False, flag, "Multiply COLOR_0 of the file. Without this, it is replaced.")
     """Multiply an existing ``COLOR_0`` instead of replacing it."""
     texture: int | None = option(
         None,
         WholeNumber(16, MAX_TEXTURE, optional=True),
-        "Bake a square texture of SIZE texels per side instead of vertices.",
+        "Bake a square texture of SIZE texels per side. Without this, vertices get values.",
         kind=int | None,
         metavar="SIZE",
     )
@@ -96,13 +96,11 @@ class BakeKeywords:
     """Also write the texture as PNG beside `output`, as it is in the file."""
     exr: bool = option(False, flag, "Also write the texture as .exr next to FILE.")
     """Also write the texture as float32 beside `output`."""
-    unlit: bool = option(
-        False, flag, "Multiply a texture of light by the base colours, and replace them, in unlit materials."
-    )
+    unlit: bool = option(False, flag, "Write light times base colours, in unlit materials.")
     """Multiply a texture of shadow, sun or light by the base colour texture, and replace that, in unlit materials. All
     viewers show such files, but textures that repeat or are finer lose detail. False: a lightmap, which leaves
     materials as they are."""
-    denoise: bool = option(False, flag, "Smooth the noise of ao, shadow or light over 4x4 texels.")
+    denoise: bool = option(False, flag, "Smooth noise over 4x4 texels. For ao, shadow and light.")
     """Filter a texture of ao or shadow over 4 x 4 texels, within penumbrae and surfaces; of light, filter the
     sky and bounced light, several times."""
     radius: float | None = option(

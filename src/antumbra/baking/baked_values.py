@@ -71,7 +71,7 @@ def may_be_hidden(values: NDArray[np.float32], meter: Meter) -> NDArray[np.bool_
 
 
 def faces_of(parts: Sequence[NodePrimitive]) -> AllFaces:
-    """The faces of all parts, which are those of the scene, in order."""
+    """The faces of all parts, in their order."""
     starts = np.cumsum([0, *(len(p.positions) for p in parts)])
     vectors = np.concatenate([face_vectors(p.positions, p.faces) * p.sign for p in parts])
     areas = np.linalg.norm(vectors, axis=1)

@@ -187,16 +187,24 @@ def as_array(value: Any, what: str, *, strided: bool = False) -> NDArray[Any]:
     InputError
         If `value` is not numbers (bool is not), or has masked ones.
     """
-    array = value if type(value) is np.ndarray else _plain_array(value, what)
-    dtype = array.dtype
-    if dtype.kind not in "fiu":
-        array = _numbers_of(array, value, what)
-    elif not dtype.isnative or (dtype.kind == "f" and dtype.itemsize not in (4, 8)):
-        with np.errstate(over="ignore"):  # of long doubles, which become infinite
-            array = array.astype(_NATIVE.get((dtype.kind, dtype.itemsize), dtype.newbyteorder("=")))
+    is_usual = type(value) is np.ndarray and (value.dtype is _F64 or value.dtype is _F32)
+    array = value if is_usual else _native_array(value, what)
     return array if strided or array.flags.c_contiguous else np.asarray(array, order="C")
 
 
+def _native_array(value: Any, what: str) -> NDArray[Any]:
+    """`as_array` in any layout."""
+    array = value if type(value) is np.ndarray else _plain_array(value, what)
+    dtype = array.dtype
+    if dtype.kind not in "fiu":
+        return _numbers_of(array, value, what)
+    if not dtype.isnative or (dtype.kind == "f" and dtype.itemsize not in (4, 8)):
+        with np.errstate(over="ignore"):  # of long doubles, which become infinite
+            return array.astype(_NATIVE.get((dtype.kind, dtype.itemsize), dtype.newbyteorder("=")))
+    return array
+
+
+_F32, _F64 = np.dtype(np.float32), np.dtype(np.float64)  # in the byte order of this machine
 _NATIVE: dict[tuple[str, int], np.dtype[Any]] = {
     ("f", size): np.dtype(np.float32 if size < 8 else np.float64) for size in (2, 4, 8, 10, 12, 16)
 }

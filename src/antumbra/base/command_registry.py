@@ -37,23 +37,21 @@ COMMANDS = {
     "sun": Command(
         "antumbra.city.sun.sun_command",
         "Sun and shadow",
-        "Compute hours of direct sun on surfaces.",
+        "Compute sun hours on surfaces.",
         kernels="antumbra.city.sun.sun_tally:EXAMPLES",
     ),
     "shadow": Command(
         "antumbra.city.shadow.shadow_command", "Sun and shadow", "Draw the shadow on the ground, as GIS polygons."
     ),
     "calendar": Command(
-        "antumbra.city.sun.calendar_command", "Sun and shadow", "Find the first and last sun of each day at points."
+        "antumbra.city.sun.calendar_command", "Sun and shadow", "Find the first and last sun of each day."
     ),
-    "route": Command(
-        "antumbra.city.sun.route_command", "Sun and shadow", "Compute the shade along a route, by the hour."
-    ),
-    "pv": Command("antumbra.city.pv.pv_command", "Sun and shadow", "Compute the shading of photovoltaic modules."),
+    "route": Command("antumbra.city.sun.route_command", "Sun and shadow", "Compute the hourly shade along a route."),
+    "pv": Command("antumbra.city.pv.pv_command", "Sun and shadow", "Compute the shading of solar modules."),
     "skyline": Command(
         "antumbra.city.skyline.skyline_command",
         "Sun and shadow",
-        "Compute the elevation of the horizon by azimuth.",
+        "Compute the horizon elevation at every azimuth.",
         kernels="antumbra.city.skyline.skyline:EXAMPLES",
     ),
     "viewshed": Command(
@@ -65,13 +63,13 @@ COMMANDS = {
     "visible": Command(
         "antumbra.city.sight.visible_command",
         "Sight",
-        "Compute the share of a target that each place sees.",
+        "Compute how much of a target each place sees.",
     ),
     "los": Command("antumbra.city.sight.los_command", "Sight", "Find which points see each other."),
     "matrix": Command(
         "antumbra.city.sight.matrix_command",
         "Sight",
-        "Find which sensors see which targets, bit by bit.",
+        "Find which sensors see which targets, as a matrix.",
         kernels="antumbra.city.sight.visibility_matrix:EXAMPLES",
     ),
     "view-factors": Command(
@@ -82,13 +80,13 @@ COMMANDS = {
     "info": Command("antumbra.cli.scene_commands", "Scenes", "Show the contents of SCENE."),
     "scenes": Command("antumbra.cli.scene_commands", "Scenes", "List the built-in scenes, or export one."),
     "formats": Command("antumbra.cli.scene_commands", "Scenes", "List the file formats, and the options of SCENE."),
-    "build": Command("antumbra.cli.build_command", "Scenes", "Build a store, which may exceed memory."),
+    "build": Command("antumbra.cli.build_command", "Scenes", "Build a store for scenes larger than memory."),
     "doctor": Command("antumbra.cli.installation_commands", "Installation and machines", "Check this installation."),
     "warmup": Command(
         "antumbra.cli.installation_commands", "Installation and machines", "Compile all kernels ahead of time."
     ),
     "merge": Command("antumbra.cli.shards", "Installation and machines", "Join the shards of a command."),
-    "plans": Command("antumbra.cli.installation_commands", "Research", "List the methods, and the plans they form."),
+    "plans": Command("antumbra.cli.installation_commands", "Research", "List the methods, and how they form plans."),
     "compare": Command("antumbra.lab.compare_command", "Research", "Measure plans side by side on one picture."),
     "explain": Command("antumbra.lab.explain_commands", "Research", "Show where plans spend their traversal steps."),
     "culling": Command("antumbra.lab.explain_commands", "Research", "Show which triangles survive pre-BVH culling."),

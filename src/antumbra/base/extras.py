@@ -21,22 +21,22 @@ if TYPE_CHECKING:
 
 
 EXTRAS = {
-    "jit": "compiling kernels: in a clone, of plugins, and on processors without a kernel library",
-    "sun": "positions of the sun, weather files and clear skies",
+    "jit": "compiling kernels: in a clone, for plugins, and on platforms without a wheel of their own",
+    "sun": "sun positions, weather files and clear skies",
     "gis": "rasters, footprints, CityJSON, Parquet, and coordinate reference systems",
     "cloud": "stores at URLs and in object storage",
-    "xarray": "results as Datasets of xarray, and in Zarr",
-    "bake": "textures by antumbra bake",
+    "xarray": "results as xarray Datasets and in Zarr",
+    "bake": "baking textures",
     "meshes": "unusual PLY files, such as polygons with texture coordinates",
-    "exr": "reading and writing .exr files, which data sets consist of",
+    "exr": "reading and writing .exr files, such as data sets",
     "sparse": "visibility matrices as scipy.sparse arrays",
     "compressed": "glTF files compressed with Draco or meshopt, and KTX2 textures",
-    "plot": "map sheets, and plots by antumbra compare and antumbra bench",
+    "plot": "map sheets, and the plots of antumbra compare and antumbra bench",
     "video": ".mp4 and .webm files",
     "view": "the interactive page of antumbra view",
     "ray": "jobs on several machines",
-    "opencl": "graphics cards of Intel and AMD; those of NVIDIA need their driver only",
-    "all": "all of these",
+    "opencl": "Intel and AMD graphics cards; NVIDIA cards only need their driver",
+    "all": "everything above",
 }
 """The extras for users, and what each is for. The others are for developers."""
 

@@ -33,7 +33,7 @@ from pathlib import Path
 from tempfile import TemporaryFile
 from urllib.parse import unquote
 
-from .checks import path_of
+from .checks import alternatives, path_of
 from .errors import InputError
 
 # --- Input paths ------------------------------------------------------------------------------------------------------
@@ -462,7 +462,7 @@ def checked_output(path: object, suffixes: Sequence[str], size: int = LEAST_BYTE
     """
     path = path_of(path, "output path")
     mode = _mode(path)
-    kinds = " or ".join(suffixes)
+    kinds = alternatives(list(suffixes))
     known = FOLDERS.get(path.suffix.lower(), ()) if path.suffix.lower() in suffixes else ()
     if mode is not None and stat.S_ISDIR(mode) and not any((path / name).exists() for name in known):
         cure = (

@@ -5,7 +5,7 @@ read takes less time than reading them would. For this, the triangles of a block
 the first one in place of the block's number.
 """
 
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,12 +47,23 @@ def compact(tree: BlockTree) -> CompactTree:
     """The `CompactTree` of a `BlockTree`, with the slots in the order of its blocks."""
     used = tree.slots >= 0
     order, counts = tree.slots[used], used.sum(1)
-    first = np.cumsum(counts) - counts
+    nodes = _with_slots(tree, np.cumsum(counts) - counts)
+    return CompactTree(nodes, nodes.view(np.int32), tree.prim_ids[order], tree.corners[order])
+
+
+def compacted(tree: BlockTree) -> CompactTree:
+    """The `CompactTree` from which `expand` has made a tree; it shares the triangles."""
+    nodes = _with_slots(tree, np.maximum(tree.slots[:, 0], 0))
+    return CompactTree(nodes, nodes.view(np.int32), tree.prim_ids, tree.corners)
+
+
+def _with_slots(tree: BlockTree, first: NDArray[Any]) -> NDArray[np.float32]:
+    """A copy of the nodes whose leaves have first slots in place of blocks; first: of each block."""
     nodes = aligned_empty(tree.nodes.shape, "f4")
     nodes[...] = tree.nodes
     node, side, block, size = _leaves(nodes.view(np.int32))
     nodes.view(np.int32)[node, LINK + side] = block_link(first[block], size)
-    return CompactTree(nodes, nodes.view(np.int32), tree.prim_ids[order], tree.corners[order])
+    return nodes
 
 
 class _Leaves(NamedTuple):

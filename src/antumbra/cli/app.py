@@ -20,7 +20,7 @@ from .completion import completing_words
 # --- The program and its commands -------------------------------------------------------------------------------------
 
 
-_BENCH = "bench", "Measure what the papers measured."
+_BENCH = "bench", "Repeat the measurements of the papers."
 
 
 @cache
@@ -32,8 +32,8 @@ def program(names: frozenset[str] | None = None) -> typer.Typer:
     app = typer.Typer(
         name="antumbra",
         cls=Program,
-        help="Which points see which lights: exact ray-traced shadows.",
-        epilog="Each command explains itself: antumbra render --help",
+        help="Find out exactly which points see which lights, by ray tracing.",
+        epilog="Options of a command: antumbra render -h",
         rich_markup_mode=None,
         context_settings={"help_option_names": ["-h", "--help"]},
     )

@@ -68,7 +68,7 @@ class BakeCommand(StudyCommand[BakeOptions, "Baked"]):
     page: Annotated[
         Path | None,
         typer.Option(
-            help="A page with the values at vertices in colours, .html, which any browser opens offline.",
+            help="Write a page (.html) of the values at vertices. Any browser opens it offline.",
             metavar="FILE",
             callback=writes(".html"),
         ),

@@ -68,7 +68,7 @@ class BuildArguments(SceneArguments):
 
 @takes(BuildArguments)
 def build(args: BuildArguments) -> int:
-    """Build a store, which may exceed memory.
+    """Build a store for scenes larger than memory.
 
     A store holds the triangles in chunks, each with its BVH and checksums. Several scenes are merged in the given
     order, in their state at time 0, with all their cameras and lights. procedural:city is generated and written block

@@ -198,9 +198,9 @@ def _first_sentence(text: str) -> str:
 
 
 def _cut(text: str, room: int) -> str:
-    """A text that fits, cut after a clause or an item of a list if that leaves more than half of the room."""
+    """A text that fits, cut after a clause or an item of a list if there is one."""
     short = textwrap.shorten(text, room, placeholder=" …")
     if short == text:
         return text
     clause = max(short.rfind(mark) for mark in (", ", "; ", ": "))
-    return f"{short[: clause + 1]} …" if 2 * clause > room else short
+    return f"{short[: clause + 1]} …" if clause > 0 else short

@@ -478,7 +478,9 @@ def _usage(error: Any) -> str:
     """Typer's error about a value, worded like other errors: ``--spp is 'x'; it must be a whole number``."""
     if (name := getattr(error, "option_name", None)) and hasattr(error, "possibilities"):
         similar = error.possibilities or ()
-        likely = [each for each in similar if each.startswith(name)] or get_close_matches(name, similar, 1)
+        options = {each.lstrip("-"): each for each in similar}  # dashes are alike in all of them
+        likely = [each for each in similar if each.startswith(name)]
+        likely = likely or [options[each] for each in get_close_matches(name.lstrip("-"), options, 1)]
         hint = f"; did you mean {likely[0]}?" if likely else ""
         return f"there is no option {name}{hint}"
     message: str = error.format_message().rstrip(".")

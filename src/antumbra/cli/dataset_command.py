@@ -80,7 +80,7 @@ class DatasetCommand(StudyCommand[DatasetOptions, "Dataset"]):
     contact_sheet: Annotated[
         Path | None,
         typer.Option(
-            help="Also write a .png contact sheet of the first frame's layers.",
+            help="Also write a .png overview of the first frame. It shows all layers.",
             metavar="FILE",
             show_default=False,
             callback=writes(".png"),

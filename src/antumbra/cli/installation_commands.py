@@ -329,12 +329,10 @@ def warmup(
 
 
 def plans(
-    papers: Annotated[
-        bool, typer.Option("--papers", help="Also list methods that only reproduce a paper or serve as baselines.")
-    ] = False,
+    papers: Annotated[bool, typer.Option("--papers", help="Also list variants of papers, and baselines.")] = False,
     json: Json = False,
 ) -> None:
-    """List the methods, and the plans they form.
+    """List the methods, and how they form plans.
 
     Each method is listed with a description and its paper. A plan is written builder+tracer, with an optional culler,
     optimiser or updater. The tracer cones uses no BVH, so its plans have no builder. All exact plans give the same

@@ -216,7 +216,7 @@ UpOption = Annotated[
         show_default=False,
     ),
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object, and nothing else, on standard output.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 
 Threads = Annotated[int | None, derived_option("threads")]
@@ -400,7 +400,7 @@ PictureLightOption = Annotated[
 AoOption = Annotated[
     str | None,
     typer.Option(
-        help="Add ambient occlusion by geometry within RADIUS (inf: at any distance).",
+        help="Add ambient occlusion by nearby geometry. RADIUS limits its distance; inf: no limit.",
         metavar="RADIUS[@INTENSITY]",
         show_default=False,
     ),
@@ -408,8 +408,8 @@ AoOption = Annotated[
 VplOption = Annotated[
     int | None,
     typer.Option(
-        help="Replace ambient light by one bounce of indirect light: photons from the first light and the sky become "
-        "virtual point lights.",
+        help="Bounced light from virtual point lights. PHOTONS from the first light, and as many from the sky, become "
+        "such lights. They replace ambient light.",
         min=1,
         max=16384,
         metavar="PHOTONS",
@@ -443,14 +443,14 @@ QUALITIES = {
 PresetOption = Annotated[
     Preset,
     typer.Option(
-        help="draft: 4 rays; standard: 16; final: 64, adaptive, and bounced light in rooms and courtyards. Other "
-        "options take precedence."
+        help="Quality: 4, 16 or 64 rays per pixel and light. final also refines penumbrae and edges, and adds bounced "
+        "light in rooms and courtyards. Other options take precedence."
     ),
 ]
 SkyOption = Annotated[
     str | None,
     typer.Option(
-        help="Sky light: a colour, an environment map (.hdr or .exr), or none.  "
+        help="Sky: a colour, an .hdr or .exr map, or none.  "
         "[default: daylight, if there are no other lights or the file has a sun]",
         metavar="COLOUR|FILE|none",
         show_default=False,

@@ -216,6 +216,14 @@ def shot_fields(spec: "PictureSpec", shot: "Shot") -> Iterator[tuple[str, str]]:
                 f"{paging['loaded']:,} were read ({paging['bytes'] / 1e6:,.0f} MB)"
             ),
         )
+        if "device_wanted" in paging:
+            yield (
+                "on the device",
+                (
+                    f"{paging['device_kept']:,} of {paging['device_wanted']:,} chunks were there when needed, "
+                    f"{paging['device_uploaded']:,} were uploaded ({paging['device_bytes'] / 1e6:,.0f} MB)"
+                ),
+            )
 
 
 def view_fields(shot: "Shot", speed: float | None = None) -> Iterator[tuple[str, str]]:
@@ -295,7 +303,7 @@ def print_choices(shot: "Shot", scene: "AnyScene") -> None:
 
     frame, triangles = shot.frame, scene.n_triangles
     _print_instances(scene, frame.plan)
-    _print_device(scene, frame.plan)
+    _print_device(scene, shot)
     if frame.choices is None or frame.tree is None:
         print(f"The plan {frame.plan} specifies its methods; nothing was chosen.")
         return
@@ -315,17 +323,22 @@ def print_choices(shot: "Shot", scene: "AnyScene") -> None:
     console.print_table(head, rows, right=(1, 4, 5), width=_WIDTH)
 
 
-def _print_device(scene: "AnyScene", plan: str) -> None:
+def _print_device(scene: "AnyScene", shot: "Shot") -> None:
     """Print what a device traced, and what the CPU did for it."""
-    from ..devices.device_list import CPU, default_device
+    from ..devices.device_list import CPU, default_device, parse_device
     from ..engine.device_plans import traces_on_device
     from ..engine.plan import parse_plan
 
-    device = parse_plan(plan).device
-    if device is not None:
-        print(f"The device {device} traced the rays; the CPU decided the few that need exact arithmetic, and shaded.")
-    elif default_device() not in (None, CPU) and not traces_on_device(scene.data):
-        print("Devices do not trace stores yet; the CPU traced everything.")
+    device, in_memory = parse_plan(shot.frame.plan).device, traces_on_device(scene.data)
+    if device is not None and in_memory and not shot.camera.listed:
+        rest = "decided the few that need exact arithmetic, and shaded"
+        print(f"The device {device} traced the camera and shadow rays; the CPU {rest}.")
+    elif device is not None:
+        besides = "what the camera sees, and the few shadow rays that need exact arithmetic"
+        print(f"The device {device} traced the shadow rays; the CPU traced {besides}.")
+    elif default_device() not in (None, CPU) and not in_memory:
+        full = ":".join(map(str, parse_device(default_device() or CPU)))
+        print(f"The CPU traced everything; by the plan bsah+chcrt+device:{full}, the device traces shadow rays.")
 
 
 def _print_instances(scene: "AnyScene", plan: str) -> None:

@@ -90,8 +90,6 @@ def ground_of(setting: str | float, scene: "AnyScene", camera: "Camera", time: f
         return None
     if setting == "auto" and not is_outside(scene, camera):
         return None
-    if not scene.data.resident:
-        raise InputError(f"--ground {setting}: {scene.name} is in a store, which has no ground; leave it out")
     return scene.ground_height(time) if isinstance(setting, str) else setting
 
 
@@ -103,12 +101,11 @@ ROOM_LIGHT: dict[str, Any] = {"bounce": 32, "bounce_step": 4}
 
 
 def is_enclosed(scene: "AnyScene") -> bool:
-    """Whether a scene in memory is shown from inside a room or a courtyard."""
+    """Whether a scene is shown from inside a room or a courtyard."""
     try:
-        room = scene.view.room if scene.data.resident else None
+        return scene.view.room is not None
     except InputError:  # at some time the scene has no triangles: that frame reports the error
         return False
-    return room is not None
 
 
 # --- Parsed arguments: everything that determines a picture except the time -------------------------------------------
@@ -359,7 +356,7 @@ class RenderArguments(_Options):  # type: ignore[misc] # made from the options o
     html: Annotated[
         Path | None,
         typer.Option(
-            help="Also write a self-contained .html page with the picture, settings, times and counters.",
+            help="Also write an .html page for offline use, with the picture, settings, times and counters.",
             metavar="FILE",
             show_default=False,
             callback=writes(".html"),
@@ -378,7 +375,7 @@ class RenderArguments(_Options):  # type: ignore[misc] # made from the options o
         Path | None,
         typer.Option(
             "--path",
-            help="Move the camera of --frames along the keys of a .json file, or with the camera of a .glb file.",
+            help="Move the camera of --frames along the keys in a .json file, or with the camera in a .glb file.",
             metavar="FILE",
             show_default=False,
         ),
@@ -405,7 +402,7 @@ class RenderArguments(_Options):  # type: ignore[misc] # made from the options o
     srdh_rays: SrdhRaysOption = None
     explain_plan: Annotated[
         bool,
-        typer.Option("--explain-plan", help="Show the choices of the plan auto, their reasons and times."),
+        typer.Option("--explain-plan", help="Explain what the plan auto chose, and why."),
     ] = False
     exposure: ExposureOption = None
     shard: ShardOption = None

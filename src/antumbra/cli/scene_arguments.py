@@ -423,7 +423,7 @@ BeforeOption = Annotated[
     bool,
     typer.Option(
         "--before",
-        help="Also compute the state before --add and --remove, on the same sensors: Q_before, Q and Q_loss.",
+        help="Add the state before --add and --remove. The sensors are the same: Q_before, Q and Q_loss.",
     ),
 ]
 

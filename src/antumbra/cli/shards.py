@@ -179,10 +179,10 @@ def merge(
 ) -> int:
     """Join the shards of a command.
 
-    The files are those that the command writes without --shard, byte for byte. Each FOLDER records the command that
-    wrote it. That command runs again, in the current folder, with the results of the shards instead of traced rays. A
-    shard that is missing, duplicated, stale, or from another command causes an error that names it, and no file is
-    written. While shards are missing, the exit code is 75: try again.
+    It writes the files that the command would have written without --shard, byte for byte. Each FOLDER records its
+    command, which runs again in the current folder, with the results of the shards instead of traced rays. If a shard
+    is missing, duplicated, stale, or from another command, an error names it, and no file is written. While shards are
+    missing, the exit code is 75: try again.
 
     \b
     Examples

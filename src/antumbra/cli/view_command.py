@@ -72,10 +72,10 @@ class ViewArguments(SceneArguments):
 def view(args: ViewArguments) -> int:
     """Show SCENE in the browser.
 
-    Ctrl-C ends it. Drag to rotate, scroll to zoom. While the camera moves, the browser shows a mesh with baked light;
-    when it stops, traced pictures appear, from coarse to fine. Click a surface to list the lights it sees and the
-    triangles that block the others. Drag the handles of lights to move them, and use sliders for the sun and the
-    animation. With a location on Earth (--latitude and --longitude, or --crs), the sun follows a date and time.
+    Drag to rotate, scroll to zoom, and press Ctrl-C to stop. While the camera moves, the browser shows a mesh with
+    baked light; when it stops, traced pictures appear, from coarse to fine. Click a surface to list the lights it sees
+    and the triangles that block the others. Drag the handles of lights to move them, and use sliders for the sun and
+    the animation. If the place is known (by --latitude and --longitude, or a CRS), the sun follows a date and time.
 
     \b
     Examples

@@ -23,7 +23,7 @@ from ..base.files import temporary_folder
 from ..base.progress import LOG
 from ..base.wording import some_of
 from ..engine.scene_loading import load
-from ..work.executors import Tally, UnitCollector, Units, numbered
+from ..work.executors import UnitCollector, UnitCount, Units, numbered
 from .node_files import files_in, input_of, with_files
 from .own_stdout import own_stdout
 
@@ -40,7 +40,7 @@ _ASKING = "asking the head of the cluster"  # name of a thread
 _HOST_PORT = re.compile(r"\[?([^\[\]]+)\]?:(\d{1,5})")  # HOST:PORT
 
 
-class Cluster(Tally):
+class Cluster(UnitCount):
     """Runs the units of some work on the nodes of a Ray cluster, and writes the files they return.
 
     Workers are kept from `prepare`, which runs a stage, to `finish` or `close`.

@@ -216,6 +216,8 @@ class Device(ABC):
     form: ClassVar[str]
     dlpack_kind: ClassVar[int | None] = None
     """DLPack's number for this kind of memory; None if other libraries cannot use it."""
+    in_host_memory: bool = False
+    """Whether its memory is that of the process."""
 
     def __init__(self, ordinal: int, model: str, driver: str, max_memory: int | None = None) -> None:
         self.ordinal, self.model, self.driver = ordinal, model, driver

@@ -191,12 +191,13 @@ class OpenCl(Device):
             if ordinal not in _cards:
                 _cards[ordinal] = _Card(found)
             self.card = _cards[ordinal]
+        self.in_host_memory = bool(self.card.handle.host_unified_memory)
 
     def free_memory(self) -> int:
         handle = self.card.handle
         taken = sum(each.size for each in list(self.card.allocations.values()))
         free: int = max(handle.global_mem_size - taken, 0)
-        return min(free, available_memory() or free) if handle.host_unified_memory else free
+        return min(free, available_memory() or free) if self.in_host_memory else free
 
     def _allocate(self, size: int) -> int | None:
         cl, largest = pyopencl(), self.card.handle.max_mem_alloc_size

@@ -18,6 +18,7 @@
 - `joined_store_tree`: the tree of a store as one BVH
 - `primary_visibility`: the surfaces that a camera sees
 - `default_view`: what default pictures show
+- `scene_views`: the small images that show what it is
 - `small_scenes`: scenes of example calls
 - `precompilation`: compiles recorded kernels before anything is timed
 - `plan_records`: the recorded kernels of plans

@@ -32,7 +32,7 @@ from ..trace.rays.ray_hits import Intersections
 from ..trace.tracer import TracerState
 from ..trace.transmission import TracedQuery, shares_of, transmission
 from .auto.strategies import AutoState, TreelessState
-from .device_tracers import OnDevice
+from .device_tracers import OnDevice, OnDeviceTracer
 from .method_registry import BUILDERS, CULLERS
 from .plan import Plan
 from .tree_choice import ExpectedRays, LearnedTrees, OwnTree, TreeChoice, UpdatedTree, new_tree
@@ -114,7 +114,7 @@ class Accelerator:
         self.ray_selector = RepresentativeRaySelector(plan.sample or SrdhRays(), threads) if plan.wants_rays else None
         self.own_tree = plan.build in plan.tracer.builders and not (plan.optimise or plan.update)
         self.one_tree = plan.tracer.builds and self.ray_selector is None
-        self.sees = self.one_tree and plan.device is not None
+        self.sees = self.one_tree and isinstance(plan.tracer, OnDeviceTracer)
         if plan.update and self.memory.updated is None:
             self.memory.updated = UpdatedTree(plan.update)
         self.device_memory: int | None = None

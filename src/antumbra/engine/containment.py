@@ -6,22 +6,19 @@ diagonals cross surfaces an odd number of times. Opposite rays from a point besi
 sheets contain nothing. Of scenes in memory, all rays but the first are traced through caps (`trace.rays.inside_votes`).
 """
 
-from functools import cache
-from itertools import product
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ..base.wording import counted
+from ..query.cap_columns import AXES, all_directions
 from ..query.ray_list import RayArguments
 from ..trace.rays.all_hits import ON_SURFACE
-from ..trace.rays.inside_votes import MOST, ON_CAP, WITHIN, Caps, Election
+from ..trace.rays.inside_votes import MOST, ON_CAP, UNDECIDED, WITHIN, Caps, Election
 from .sources.cutout_hits import of_valid
 from .sources.source_protocols import Bodies
 
-_AXES = np.concatenate([np.eye(3), -np.eye(3)]).astype(np.float32)
-_DIAGONALS = np.array(list(product((-1.0, 1.0), repeat=3)), np.float32)
 _FEW = 64  # points whose rays are traced by one call
+_MANY = 1 << 15  # points of which those that columns leave undecided are collected, before their rays are traced
 
 _NOTE = "contains: "
 
@@ -49,31 +46,27 @@ def _direction(rays: RayArguments) -> NDArray[np.float32]:
     return direction
 
 
-def _other_directions(axis: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """((5, 3), (8, 3)): those of the rays along the other axes, and along the diagonals."""
-    diagonals = _DIAGONALS[np.argsort(-(_DIAGONALS @ axis), kind="stable")]  # upwards first: ground is often open
-    return _AXES[(axis != _AXES).any(axis=1)], diagonals
-
-
-@cache
-def _all_directions(x: float, y: float, z: float) -> NDArray[np.float32]:
-    """(14, 3): that of the first rays, and `_other_directions`."""
-    axis = np.array([x, y, z], np.float32)
-    return np.concatenate([axis[None], *_other_directions(axis)])
-
-
 def _by_caps(
     bodies: Bodies, caps: Caps, rays: RayArguments, crossings: NDArray[np.int64], threads: int
 ) -> NDArray[np.bool_]:
     """`inside_of` by the votes of rays through caps."""
-    axis = _direction(rays)
-    election = Election(crossings, _all_directions(*axis.tolist()), bodies.box)
-    verdicts = of_valid(rays, caps.verdicts(rays, election, threads))
+    few = rays.n < _MANY
+    verdicts = of_valid(rays, caps.verdicts(rays, Election(crossings, bodies.box), few, threads))
+    if not few and len(undecided := np.flatnonzero(verdicts == UNDECIDED)):
+        some = _some_of(rays, undecided)
+        others = caps.verdicts(some, Election(crossings[undecided], bodies.box), True, threads)
+        verdicts[undecided] = of_valid(some, others)
     inside = verdicts == WITHIN
     if len(undecided := np.flatnonzero(verdicts == ON_CAP)):
-        points, first = rays.arrays().local()[0][undecided], crossings[undecided] & 1 != 0
-        inside[undecided] = _by_votes(bodies, points, axis, first, threads)
+        points, first = _some_of(rays, undecided).origins, crossings[undecided] & 1 != 0
+        inside[undecided] = _by_votes(bodies, points, _direction(rays), first, threads)
     return np.asarray(inside)
+
+
+def _some_of(rays: RayArguments, index: NDArray[np.intp]) -> RayArguments:
+    """Some of the rays along one direction, with origins in the frame."""
+    origins, frame = rays.arrays().part(index).local()[0], (0.0, 0.0, 0.0)
+    return RayArguments(origins, _direction(rays), 0.0, np.inf, -1.0, (len(index),), 0, False, frame, rays.time)
 
 
 def _by_votes(
@@ -83,7 +76,7 @@ def _by_votes(
 
     Rays that no longer matter are not traced: the diagonals of points whose axes agree, or whose majority is certain.
 
-    axis, first : a direction of `_AXES`, and (m,) bool, whether the ray along it crosses an odd number of surfaces
+    axis, first : a direction along an axis, and (m,) bool, whether the ray along it crosses an odd number of surfaces
     """
 
     def is_odd(origins: NDArray[np.float32], along: NDArray[np.float32]) -> NDArray[np.bool_]:
@@ -91,17 +84,17 @@ def _by_votes(
         rays = RayArguments(origins, along, 0.0, np.inf, -1.0, (len(origins),), 0, False, frame, bodies.time)
         return (bodies.crossings(rays, threads) & 1).astype(np.bool_)
 
-    axes, diagonals = _other_directions(axis)
+    others = all_directions(axis)[1:]
+    axes, diagonals = others[: AXES - 1], others[AXES - 1 :]
     if len(points) <= _FEW:  # calls take longer than rays
-        every = np.concatenate([axes, diagonals])
-        odd = is_odd(np.repeat(points, len(every), axis=0), np.tile(every, (len(points), 1))).reshape(-1, len(every))
+        odd = is_odd(np.repeat(points, len(others), axis=0), np.tile(others, (len(points), 1))).reshape(-1, len(others))
         votes = first + odd[:, : len(axes)].sum(axis=1)
-        agree = (votes == 0) | (votes == len(_AXES))
+        agree = (votes == 0) | (votes == AXES)
         return np.asarray(np.where(agree, votes > 0, first + odd.sum(axis=1) >= MOST))
     votes = first.astype(np.int8)
     for along in axes:
         votes += is_odd(points, along)
-    inside = votes == len(_AXES)
+    inside = votes == AXES
     divided = np.flatnonzero((votes > 0) & ~inside)
     votes, points = votes[divided], points[divided]
     for left, along in zip(reversed(range(len(diagonals))), diagonals):

@@ -5,29 +5,29 @@ nothing else is visible from outside. The orientation of the faces and their tri
 
 Rooms. A scene is viewed from outside, and in all directions from a few points inside. It is a room if most surfaces
 around such a point are front-facing, and if they show more triangles than the view from outside. The content of an
-enclosing box is always viewed from inside the box. All views are small rasterised images, so no BVH is built.
+enclosing box is always viewed from inside the box. All views are small images: rasterised, so no BVH is built, or by
+rays through a store.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..kernels.elementary import atan, cos, sin
+from ..kernels.parallel import thread_count
 from ..kernels.small_matrices import dot, product
 from ..kernels.small_matrices import length as length_of
+from ..query.shadow_query import Surfaces
 from ..scene.camera import VFOV, Camera, axes, bounding_sphere, fitted_camera
 from ..scene.default_picture import DefaultView, Room, exit_distance, view_of_bounds
 from ..scene.lights import tangents
-from ..scene.scene_bounds import (
-    MAX_SAMPLED_FACES,
-    bounds_of_points,
-    corners_within,
-    detail_box,
-)
+from ..scene.scene_bounds import Detail, bounds_of_points, corners_within, detail_box, every_face
 from ..scene.scene_data import SceneData
+from ..scene.triangle_setup import rows_with_area
 from ..scene.triangles import Triangles
-from .primary_visibility import primary_visibility
+from .scene_views import SceneViews, ViewsInMemory, corners_seen
 
 # --- Enclosing boxes --------------------------------------------------------------------------------------------------
 
@@ -52,7 +52,17 @@ class EnclosingBox(NamedTuple):
     @property
     def sample(self) -> NDArray[np.float64]:
         """(k, 3, 3) float64, recentred: a sample of the faces inside."""
-        return self.content.vertices[:: -(-len(self.content.vertices) // MAX_SAMPLED_FACES)].astype(np.float64)
+        return self._sampled.astype(np.float64)
+
+    @property
+    def detail(self) -> Detail:
+        """The detail of the content."""
+        origin = self.content.origin
+        return Detail.of(detail_box(self.sample) + origin, self._sampled[:, 0], origin)
+
+    @property
+    def _sampled(self) -> NDArray[np.float32]:
+        return self.content.vertices[:: every_face(len(self.content.vertices))]
 
     def contains(self, points: np.ndarray) -> bool:
         """Whether all points, (k, 3) recentred, are inside the box."""
@@ -70,14 +80,14 @@ class EnclosingBox(NamedTuple):
         return np.column_stack([normals, offsets - dot(normals, self.content.origin)])
 
 
-def innermost_box(triangles: Triangles, threads: int | None) -> EnclosingBox | None:
-    """The innermost nonempty enclosing box of a scene; None if there is none."""
+def innermost_box(views: SceneViews, threads: int | None = None) -> EnclosingBox | None:
+    """The innermost nonempty enclosing box of a scene; None if there is none, or if its faces do not fit in memory."""
     innermost = None
     for _ in range(_MAX_LAYERS):
-        layer = _outermost_box(triangles, threads)
+        layer = _outermost_box(views, threads)
         if layer is None:
             break
-        innermost, triangles = layer, layer.content
+        innermost, views = layer, ViewsInMemory(layer.content, threads)
     return innermost
 
 
@@ -102,14 +112,14 @@ def content_room(enclosing: EnclosingBox, up: str) -> Room | None:
     return Room(middle, eye, target, vfov, False, above, points + origin, enclosing.planes_in_world)
 
 
-def _outermost_box(triangles: Triangles, threads: int | None) -> EnclosingBox | None:
+def _outermost_box(views: SceneViews, threads: int | None) -> EnclosingBox | None:
     """The outermost enclosing box of a scene; None if there is none."""
-    visible = _visible_from_outside(triangles, threads)
-    if visible is None:
+    images = _images_from_outside(views)
+    planes = None if images is None else _hull_planes(corners_seen(images))
+    triangles = None if planes is None else views.triangles()
+    if images is None or planes is None or triangles is None:
         return None
-    planes = _hull_planes(triangles.vertices[np.unique(visible)])
-    if planes is None:
-        return None
+    triangles = _with_area(triangles, threads)
     size = float(np.ptp(bounds_of_points(triangles.vertices), axis=0).max())
     corners = triangles.vertices.reshape(-1, 3).astype(np.float64)
     wrap = np.zeros(len(triangles.vertices), bool)
@@ -118,36 +128,38 @@ def _outermost_box(triangles: Triangles, threads: int | None) -> EnclosingBox | 
         if _area(triangles.vertices[on]) < _MIN_COVER * area:
             return None
         wrap |= on
-    if wrap[visible].mean() < _MIN_COVER or np.count_nonzero(~wrap) < len(planes):
+    seen = np.concatenate([image.ids[image.ids >= 0] for image in images])
+    if wrap[np.searchsorted(triangles.face_id, seen)].mean() < _MIN_COVER or np.count_nonzero(~wrap) < len(planes):
         return None
-    inside = ~wrap
-    content = Triangles(
-        triangles.vertices[inside], triangles.origin, triangles.face_id[inside], triangles.colour[inside]
-    )
-    return EnclosingBox(content, planes[:, :4])
+    return EnclosingBox(_some(triangles, ~wrap), planes[:, :4])
 
 
-def _visible_from_outside(triangles: Triangles, threads: int | None) -> np.ndarray | None:
-    """The visible faces in the pixels of images from the eight corners of a cube around a scene.
+def _with_area(triangles: Triangles, threads: int | None) -> Triangles:
+    """The triangles that have an area, which alone are in a store."""
+    rows = rows_with_area(triangles.vertices, thread_count(threads))
+    return triangles if rows is None else _some(triangles, rows)
+
+
+def _some(triangles: Triangles, rows: NDArray[np.integer] | NDArray[np.bool_]) -> Triangles:
+    """Some rows of triangles, all of which are solid."""
+    return Triangles(triangles.vertices[rows], triangles.origin, triangles.face_id[rows], triangles.colour[rows])
+
+
+def _images_from_outside(views: SceneViews) -> list[Surfaces] | None:
+    """Images from the eight corners of a cube around a scene.
 
     None if an image is empty or shows more planes than a hull may have, so most scenes need only one image.
     """
-    solid = triangles._replace(cutouts=None)
-    bounds = np.stack([triangles.vertices.min((0, 1)), triangles.vertices.max((0, 1))]).astype(np.float64)
-    centre, radius = bounding_sphere(bounds)
-    away, faces = radius / sin(np.radians(_HULL_VFOV / 2.0)), []
+    box, origin, images = views.box, views.origin, list[Surfaces]()
+    centre, radius = bounding_sphere(box.astype(np.float64))
+    away = radius / sin(np.radians(_HULL_VFOV / 2.0))
     for corner in np.array(list(np.ndindex(2, 2, 2))) * 2.0 - 1.0:
-        place = centre + away / 3.0**0.5 * corner + triangles.origin
-        gbuffer = primary_visibility(
-            solid,
-            Camera(place, centre + triangles.origin, (0, 1, 0), _HULL_VFOV, _HULL_SIZE, _HULL_SIZE),
-            None,
-            threads,
-        )
-        faces.append(gbuffer.face[gbuffer.face >= 0])
-        if not len(faces[-1]) or _many_planes(triangles.vertices[np.unique(faces[-1])], radius):
+        place = centre + away / 3.0**0.5 * corner + origin
+        image = views.see_solid(Camera(place, centre + origin, (0, 1, 0), _HULL_VFOV, _HULL_SIZE, _HULL_SIZE))
+        if not (image.ids >= 0).any() or _many_planes(corners_seen([image]), radius):
             return None
-    return np.concatenate(faces)
+        images.append(image)
+    return images
 
 
 def _many_planes(corners: np.ndarray, radius: float) -> bool:
@@ -253,45 +265,43 @@ class _Panorama(NamedTuple):
 
     directions: NDArray[np.float64]  # (m, 3), unit length
     distances: NDArray[np.float64]  # (m,); inf on a miss
-    faces: NDArray[np.int32]  # (m,); -1 on a miss
+    faces: NDArray[np.integer]  # (m,), of the scene; -1 on a miss
     facing: NDArray[np.bool_]  # (m,): whether the front side is hit
 
 
-def room_of(scene: SceneData, outside: Camera, box: np.ndarray, threads: int | None = None) -> Room | None:
+def room_of(
+    scene: SceneData, views: SceneViews, outside: Camera, detail: Detail, threads: int | None = None
+) -> Room | None:
     """The room that a scene encloses at time 0; None if the view from outside is better.
 
-    outside : a camera that shows the scene's detail; box : (2, 3) float64, the extent of this detail
+    outside : a camera that shows the scene's detail
     """
-    triangles = scene.triangles(0.0, threads)
-    enclosing = innermost_box(triangles, threads)
+    enclosing = innermost_box(views, threads)
     if enclosing is not None and scene.animated and not enclosing.contains(_moving_corners(scene)):
         enclosing = None
     room = None if enclosing is None else content_room(enclosing, scene.up)
     if room is not None:
         return room
-    cameras = outside, view_of_bounds(scene.bounds, scene.up).camera(1, 1)
-    n_outside = max(_n_front_faces(triangles, camera, threads) for camera in cameras)
-    if enclosing is None and n_outside >= _RICH:
-        return None
+    n_outside = 0
+    for camera in outside, view_of_bounds(scene.bounds, scene.up).camera(1, 1):
+        n_outside = max(n_outside, _n_front_faces(views, camera))
+        if enclosing is None and n_outside >= _RICH:
+            return None
     up = axes(scene.up)[1]
-    if enclosing is not None:
-        box = detail_box(enclosing.sample) + scene.origin
-    points = _candidate_points(triangles if enclosing is None else enclosing.content, box, up)
-    places = [(point, _panorama(triangles, point, scene.up, threads)) for point in points]
+    points = _candidate_points(detail if enclosing is None else enclosing.detail, up)
+    places = [(point, _panorama(views, point, scene.up)) for point in points]
     rooms = [place for place in places if _encloses(place[1], n_outside)]
     if enclosing is not None:
-        rooms = [(point, _content_only(view, triangles, enclosing)) for point, view in rooms or places]
+        rooms = [(point, _content_only(view, enclosing)) for point, view in rooms or places]
     if not rooms:
         return None
     room = _room(*max(rooms, key=lambda place: _n_faces(place[1])), up)
     return room if enclosing is None else room._replace(planes=enclosing.planes_in_world)
 
 
-def _content_only(panorama: _Panorama, triangles: Triangles, enclosing: EnclosingBox) -> _Panorama:
+def _content_only(panorama: _Panorama, enclosing: EnclosingBox) -> _Panorama:
     """The panorama with front faces only where the content of a box is hit."""
-    inside = np.zeros(len(triangles.vertices) + 1, bool)
-    inside[np.searchsorted(triangles.face_id, enclosing.content.face_id)] = True
-    return panorama._replace(facing=panorama.facing & inside[panorama.faces])
+    return panorama._replace(facing=panorama.facing & np.isin(panorama.faces, enclosing.content.face_id))
 
 
 def _moving_corners(scene: SceneData) -> NDArray[np.float64]:
@@ -302,38 +312,37 @@ def _moving_corners(scene: SceneData) -> NDArray[np.float64]:
     return corners
 
 
-def _n_front_faces(triangles: Triangles, outside: Camera, threads: int | None) -> int:
+def _n_front_faces(views: SceneViews, outside: Camera) -> int:
     """The number of triangles whose front side is visible to a camera."""
-    gbuffer = primary_visibility(triangles, outside.resized(_OUTSIDE_SIZE, _OUTSIDE_SIZE), None, threads)
-    return len(np.unique(gbuffer.face[gbuffer.side > 0]))
+    image = views.see(outside.resized(_OUTSIDE_SIZE, _OUTSIDE_SIZE))
+    return len(np.unique(image.ids[image.gbuffer.side > 0]))
 
 
-def _candidate_points(triangles: Triangles, box: np.ndarray, up: np.ndarray) -> list[np.ndarray]:
+def _candidate_points(detail: Detail, up: np.ndarray) -> list[np.ndarray]:
     """Points inside a scene at several heights, above the middle of its extent and where most triangles are."""
+    box, dense = detail
     height = dot(np.ptp(box, axis=0), np.abs(up))
-    step = -(-len(triangles.vertices) // MAX_SAMPLED_FACES)
-    dense = np.median(triangles.vertices[::step, 0], axis=0) + triangles.origin
     places = box.mean(0), dense + dot(box.mean(0) - dense, up) * up
     return [place + (level - 0.5) * height * up for place in places for level in _LEVELS]
 
 
-def _panorama(triangles: Triangles, point: np.ndarray, up: str, threads: int | None) -> _Panorama:
+def _panorama(views: SceneViews, point: np.ndarray, up: str) -> _Panorama:
     """The view from a point through the six faces of a cube."""
     right, upward, towards = axes(up)
     parts = []
     for ahead, above in ((right, upward), (towards, upward), (upward, right)):
         for axis in ahead, -ahead:
             camera = Camera(point, point + axis, above, 90.0, _INSIDE_SIZE, _INSIDE_SIZE)
-            gbuffer, rays = primary_visibility(triangles, camera, None, threads), camera.rays(triangles.origin)
+            image, rays = views.see(camera), camera.rays(views.origin)
             y, x = np.mgrid[:_INSIDE_SIZE, :_INSIDE_SIZE][..., None] + 0.5
             directions = (rays.corner + x * rays.dx + y * rays.dy).reshape(-1, 3)
             length = np.linalg.norm(directions, axis=1)
             parts.append(
                 (
                     directions / length[:, None],
-                    gbuffer.depth.ravel() * length,
-                    gbuffer.face.ravel(),
-                    gbuffer.side.ravel() > 0,
+                    image.gbuffer.depth.ravel() * length,
+                    image.ids.ravel(),
+                    image.gbuffer.side.ravel() > 0,
                 )
             )
     return _Panorama(*(np.concatenate(arrays) for arrays in zip(*parts)))
@@ -385,22 +394,33 @@ def _free_distance(panorama: _Panorama, direction: np.ndarray) -> float:
 # --- Views ------------------------------------------------------------------------------------------------------------
 
 
-def view_of(data: SceneData) -> DefaultView:
-    """The geometry that a default view of a scene shows.
+def view_of(data: SceneData, views: Callable[[], SceneViews]) -> DefaultView:
+    """The geometry that a default view of a scene shows; `views`: makes images of it.
 
-    Scenes in stores, and instances, are shown from outside.
+    Instances are shown from outside.
     """
     faces = data.sampled_faces()
     if faces is None:
-        points = data.framed_points
-        return (
-            view_of_bounds(data.bounds, data.up) if points is None else DefaultView(points, data.up, None, data.bounds)
-        )
+        points, detail = data.framed_points, data.detail
+        if points is None:
+            return view_of_bounds(data.bounds, data.up)
+        view = DefaultView(points, data.up, None, data.bounds)
+        return view if detail is None else _with_room(data, views(), view, detail)
     box = detail_box(faces)
     view = DefaultView(corners_within(faces, box), data.up, None, data.bounds)
     if data.instanced:
         return view
-    room = room_of(data, view.camera(1, 1), box)
+    of_scene = views()
+    triangles = of_scene.triangles()
+    assert triangles is not None
+    corners = triangles.vertices[:: every_face(len(triangles.vertices)), 0]
+    return _with_room(data, of_scene, view, Detail.of(box, corners, triangles.origin))
+
+
+def _with_room(data: SceneData, views: SceneViews, view: DefaultView, detail: Detail) -> DefaultView:
+    """The view, from inside the room that the scene encloses, if there is one."""
+    room = room_of(data, views, view.camera(1, 1), detail)
+    views.end()
     return view._replace(room=room, points=view.points if room is None or room.points is None else room.points)
 
 

@@ -3,7 +3,8 @@
 The CPU builds ``bsah`` trees, which are uploaded once; devices build ``lbvh`` ones themselves, which animated scenes
 get by default, since each frame needs a new tree. Devices find what blocks shadow rays, and any and the nearest hits of
 ray lists, also on cut-outs and on copies of meshes, and what perspective cameras see. The CPU finds what other cameras
-see, and all hits; stores are traced on the CPU altogether.
+see, and all hits. Stores are traced on the CPU, unless a plan such as ``bsah+chcrt+device:cuda:0`` lets a device trace
+their shadow rays.
 """
 
 from dataclasses import replace
@@ -11,17 +12,17 @@ from dataclasses import replace
 from ..base.errors import InputError
 from ..devices.device_list import CPU, default_device, parse_device
 from ..scene.scene_data import SceneData
-from .device_tracers import DEVICE
+from .device_tracers import DEVICE, method_on_cpu
 from .plan import DEFAULT_PLAN, Plan, parse_plan
 
 
 def cpu_plan(plan: Plan) -> Plan:
     """The plan whose kernels a plan needs on the CPU."""
-    return plan if plan.device is None else replace(plan, trace="single")
+    return plan if plan.device is None else replace(plan, trace=method_on_cpu(plan.trace))
 
 
 def traces_on_device(data: SceneData) -> bool:
-    """Whether devices trace a scene: it is in memory."""
+    """Whether devices trace all rays of a scene by themselves: it is in memory."""
     return data.resident
 
 

@@ -1,11 +1,16 @@
-"""Tracers on devices, ``device:`` or ``multifrusta+device:`` and the name of a device: two families of the registry."""
+"""Tracers on devices: families of the registry, each with the name of a device, such as ``multifrusta+device:cuda:0``.
 
+``device`` traces single rays, ``multifrusta+device`` shafts, and ``chcrt+device`` the chunks of a store.
+"""
+
+from collections.abc import Callable
 from functools import cache
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.errors import InputError
 from ..base.progress import ProgressCallback
 from ..bvh.nodes import Bvh
 from ..devices.device_list import CPU, current_budget, parse_device
@@ -17,7 +22,9 @@ from ..query.shadow_query import ShadowQuery, ray_count
 from ..scene.camera import CameraRays
 from ..scene.resident_triangles import ResidentTriangles
 from ..scene.triangles import Triangles
+from ..techniques.chcrt.chcrt_tracer import ChcRtTracer
 from ..techniques.culling.pre_bvh_culling import CullRequest
+from ..techniques.tracer_options import ChcRtOptions
 from ..trace.alpha_cutouts import CutoutTree
 from ..trace.counters import NODES, RAYS
 from ..trace.frusta.multi_frusta import BENTHIN
@@ -25,8 +32,11 @@ from ..trace.tracer import Bits, Counters, Tracer, TracerState
 from ..trace.transmission import Shares
 from .method_registry import register_family
 
-DEVICE, SHAFTS = "device", "multifrusta+device"
-"""The names of the families: single rays, and shafts."""
+if TYPE_CHECKING:
+    from ..techniques.chcrt.chc_rt import ChcRtState
+
+DEVICE, SHAFTS, CHUNKS = "device", "multifrusta+device", "chcrt+device"
+"""The names of the families: single rays, shafts, and single rays through chunks of a store."""
 
 
 def device_tracer(name: str, max_memory: int | None = None) -> Any:
@@ -164,6 +174,24 @@ class ShaftsOnDeviceTracer(OnDeviceTracer):
         return int(tracer.visits - before)
 
 
+class ChunksOnDeviceTracer(ChcRtTracer):
+    """CHC+RT whose shadow rays are traced on a device, with its memory as a cache of a store's chunks.
+
+    device : full name
+    """
+
+    def __init__(self, device: str) -> None:
+        super().__init__(
+            ChcRtOptions(), f"chcrt for stores, with the memory of the device {device} as a cache of chunks"
+        )
+        self.device = device
+
+    def _state_of(self, bvh: Bvh, threads: int | None = None) -> "ChcRtState":
+        raise InputError(
+            f"{CHUNKS}:{self.device} is for scenes in a store, and this one is in memory; use {DEVICE}:{self.device}"
+        )
+
+
 def _vertices(triangles: Triangles, tracer: Any) -> Any:
     """The vertices of triangles: in the memory of a tracer's device if they are there, otherwise on the host."""
     if isinstance(triangles, ResidentTriangles) and triangles.memory.device.name == tracer.device.name:
@@ -171,14 +199,22 @@ def _vertices(triangles: Triangles, tracer: Any) -> Any:
     return triangles.vertices
 
 
+_TRACERS: dict[str, Callable[[str], Tracer]] = {
+    DEVICE: OnDeviceTracer,
+    SHAFTS: ShaftsOnDeviceTracer,
+    CHUNKS: ChunksOnDeviceTracer,
+}
+"""Family -> its tracer on a device, by the device's full name."""
+
+
 @cache
-def _tracer_of(family: str, name: str) -> OnDeviceTracer:
+def _tracer_of(family: str, name: str) -> Tracer:
     """The tracer of plans on a device, by the device's full name."""
-    return (ShaftsOnDeviceTracer if family == SHAFTS else OnDeviceTracer)(name)
+    return _TRACERS[family](name)
 
 
 def find_device_tracer(name: str) -> tuple[str, Tracer] | None:
-    """The tracer ``device:NAME`` or ``multifrusta+device:NAME``, with the device's full name."""
+    """The tracer of a family and a device, as in ``device:NAME``, with the device's full name."""
     family, _, device = name.partition(":")
     if not device or device == CPU:
         return None
@@ -186,21 +222,26 @@ def find_device_tracer(name: str) -> tuple[str, Tracer] | None:
     return f"{family}:{full}", _tracer_of(family, full)
 
 
-for _family in DEVICE, SHAFTS:
+for _family in _TRACERS:
     register_family(_family, find_device_tracer)
 
 
 def joined_tracer(a: str, b: str) -> str | None:
     """The tracer that two parts of a plan name together, ``multifrusta`` and ``device:NAME``; None: they name two."""
-    method, _, family = SHAFTS.partition("+")
-    first, second = sorted((a, b), key=lambda name: name != method)
-    return f"{first}+{second}" if first == method and second.startswith(f"{family}:") else None
+    first, second = (b, a) if a.startswith(f"{DEVICE}:") else (a, b)
+    is_joined = f"{first}+{DEVICE}" in _TRACERS and second.startswith(f"{DEVICE}:")
+    return f"{first}+{second}" if is_joined else None
 
 
 def device_of(tracer: str) -> str | None:
     """The full name of the device of a tracer, by its canonical name; None: it traces on the CPU."""
     family, _, device = tracer.partition(":")
-    return device if family in (DEVICE, SHAFTS) else None
+    return device if family in _TRACERS else None
+
+
+def method_on_cpu(tracer: str) -> str:
+    """The tracer whose kernels run on the CPU beside those of a device, by that one's canonical name."""
+    return "chcrt" if tracer.partition(":")[0] == CHUNKS else "single"
 
 
 def traces_single_rays(tracer: str) -> bool:

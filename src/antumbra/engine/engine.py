@@ -164,7 +164,7 @@ class Engine(RayQueries):
         self.terrain: TerrainShadows | None = None
         self._device_rays: DeviceRayLists | None = None
         chooses = str(self.plan) == DEFAULT_PLAN
-        if self.plan.device is not None and not (data.instanced and self.source.geometry is None):
+        if self.plan.device is not None and data.resident and not (data.instanced and self.source.geometry is None):
             from .sources import device_ray_lists  # imported late: most engines use no device
 
             self._rays = self._device_rays = device_ray_lists.DeviceRayLists(shared.flat(), self.accelerator)
@@ -300,9 +300,10 @@ class Engine(RayQueries):
         return self._contained(points_of(points, self._frame).checked(), time, threads)
 
     def _contained(self, points: PointArguments, time: float, threads: int | None) -> NDArray[np.bool_]:
-        up = np.eye(3)["xyz".index(self.data.up)]
-        rays = rays_of(points.points, up, HitFilter(0.0, np.inf), self._frame, self._n_faces, None, self._moment(time))
-        bodies = self.source.ray_lists.bodies(rays.time)
+        moment = self._moment(time)
+        bodies = self.source.ray_lists.bodies(moment)
+        along = np.eye(3)["xyz".index(self.data.up)] if bodies.along is None else bodies.along
+        rays = rays_of(points.points, along, HitFilter(0.0, np.inf), self._frame, self._n_faces, None, moment)
         if bodies.open_edges or self.data.notes:
             self.data.notes = with_note(self.data.notes, self.data.name, bodies.open_edges)
         return inside_of(bodies, rays, self._count(threads)).reshape(rays.shape)

@@ -121,14 +121,19 @@ class FrameTracer:
 
         lap : called with the name of each finished step, "cull" or "build"
         """
-        self._prepare(queries, self._full_tree if self.accelerator.one_tree else None, lap)
+        self._prepare(queries, self._shared_tree, lap)
         if self._source.geometry is not None and self._accelerated is not None:
             whole = self._full_tree if self._accelerated.partial and self.accelerator.sees else None
             self._source.geometry.keep(whole or self._accelerated)
 
     def prepare_again(self, queries: Sequence[ShadowQuery], lap: Callable[[str], None]) -> None:
         """Prepare for further queries. The last tree is reused unless culling has dropped some of its triangles."""
-        self._prepare(queries, self._accelerated, lap)
+        self._prepare(queries, self._accelerated or self._shared_tree, lap)
+
+    @property
+    def _shared_tree(self) -> Accelerated | None:
+        """The tree of all triangles, if shadow rays may use it."""
+        return self._full_tree if self.accelerator.one_tree else None
 
     def _prepare(
         self, queries: Sequence[ShadowQuery], accelerated: Accelerated | None, lap: Callable[[str], None]
@@ -164,8 +169,7 @@ class FrameTracer:
         if self._bounce_state is None:
             accelerator = self.accelerator
             if self._accelerated is None or self._accelerated.partial:
-                shadow_tree = self._full_tree if accelerator.one_tree else None
-                self._accelerated = shadow_tree or accelerator.build(self.triangles, self._sample_rays)
+                self._accelerated = self._shared_tree or accelerator.build(self.triangles, self._sample_rays)
             tree = (
                 self._accelerated if accelerator.one_tree else self._full_tree or accelerator.for_camera(self.triangles)
             )

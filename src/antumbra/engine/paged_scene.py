@@ -1,11 +1,19 @@
 """The public class of scenes in stores."""
 
+from typing import TYPE_CHECKING
+
 from ..base.checks import byte_count
 from ..base.errors import InputError
 from ..base.wording import counted
 from ..store.store_data import StoreData
 from ..store.store_file import Store
+from ..store.system_resources import MAX_MEMORY, resident_memory
 from .scene import AnyScene, DataAttribute
+
+if TYPE_CHECKING:
+    from .scene_views import SceneViews
+
+_VIEW_MEMORY = 512 << 20  # bytes for the small images from which the default view follows
 
 
 class PagedScene(AnyScene):
@@ -42,6 +50,21 @@ class PagedScene(AnyScene):
         size = None if size is None else byte_count(size, "max_memory", 1)
         if size != self.data.max_memory:
             self.data.max_memory, self._engine = size, None
+
+    def _views(self) -> "SceneViews":
+        from .sources.paged_source import RESERVED, Paged
+        from .sources.paged_views import ViewsInStore
+
+        engine = self.engine
+        source = engine.source
+        assert isinstance(source, Paged)
+        with engine.lock:
+            source.release()
+        needed = self.data.cutout_bytes + RESERVED + _VIEW_MEMORY
+        limit = min(self.max_memory or MAX_MEMORY, resident_memory() + needed)
+        views = engine.with_options(None, None, limit).source
+        assert isinstance(views, Paged)
+        return ViewsInStore(views)
 
     def refusal(self) -> InputError:
         """The error raised by methods that need all triangles."""

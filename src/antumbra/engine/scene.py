@@ -41,6 +41,7 @@ from .ray_queries import RayQueries
 if TYPE_CHECKING:
     from ..scene.moved_geometry import ObjectChoice
     from .engine import Engine
+    from .scene_views import SceneViews
 
 _T = TypeVar("_T")
 
@@ -266,8 +267,14 @@ class AnyScene(RayQueries):
         if view is None or view[1] is not moved:
             from .default_view import view_of
 
-            self._view = view = view_of(self.data), moved
+            self._view = view = view_of(self.data, self._views), moved
         return view[0]
+
+    def _views(self) -> "SceneViews":
+        """Makes the images from which the default view follows."""
+        from .scene_views import ViewsInMemory
+
+        return ViewsInMemory(self.data.triangles(0.0))
 
     def default_lights(self, time: float = 0.0) -> list[Light]:
         """The lights of the file at a time, or daylight: a sun to the viewer's left, and a `Sky`.
@@ -324,8 +331,8 @@ class AnyScene(RayQueries):
         Raises
         ------
         InputError
-            If the scene is in a store, has more than 2 million triangles or holes, or lets light pass; if an argument
-            is invalid, or the file cannot be written.
+            If the scene has more than 2 million triangles or holes, or lets light pass; if an argument is invalid, or
+            the file cannot be written.
         """
         make = wings.named(wings.PAGE)
         keywords = {"title": title, "when": when, "place": place, "credits": credits, "language": language}
@@ -606,11 +613,11 @@ def procedural(name: str = "atrium", triangles: int | None = None, seed: int = 0
 
 
 def is_outside(scene: AnyScene, camera: Camera) -> bool:
-    """Whether the camera is outside a scene in memory, so that pictures show a ground below it.
+    """Whether the camera is outside a scene, so that pictures show a ground below it.
 
     The scene may already contain ground, whose shadows then continue beyond its edge.
     """
-    if not scene.data.resident or camera.projection == "panoramic":
+    if camera.projection == "panoramic":
         return False
     if ((camera.position > scene.bounds[0]) & (camera.position < scene.bounds[1])).all():
         return False

@@ -56,7 +56,8 @@ def read_scene_data(value: Any, options: ReadOptions = _DEFAULT) -> SceneData:
         return _scene_in(path_of(value, "scene"), options)
     kind = type(value).__name__
     raise InputError(
-        f"scene is a {kind}; give the path of a file, a scene, a DataArray, or {KNOWN}; arrays go to Scene.from_arrays"
+        f"scene is of type {kind}; give the path of a file, a scene, a DataArray, or {KNOWN}; arrays go to "
+        "Scene.from_arrays"
     )
 
 

@@ -147,7 +147,10 @@ class RangedMesh:
         """The piece of some faces, whose numbers ascend."""
         mesh = self._faces.mesh(faces)
         is_range = len(faces) < self._faces.n_faces
-        return Piece(mesh.positions[None], mesh.faces, mesh.colour, self._where, look=mesh.look, is_range=is_range)
+        return Piece(
+            mesh.positions[None], mesh.faces, mesh.colour, self._where, look=mesh.look, is_range=is_range,
+            numbers=mesh.numbers,
+        )  # fmt: skip
 
     def cameras(self, time: float) -> list[Any]:
         return []

@@ -16,7 +16,7 @@ import numpy as np
 from ..base import wings
 from ..base.files import checked_output
 from ..base.memory import check_reading
-from ..scene.instance_data import InstanceData, wants_instances
+from ..scene.instance_data import InstanceData, wants_instances, would_be_instances
 from ..scene.instances import InstancedSource
 from ..scene.mesh import Source
 from ..scene.palette_scene import PaletteScene
@@ -48,6 +48,7 @@ def _data_of(source: Source, notes: list[str], name: str, options: ReadOptions) 
                 triangles = sum(mesh.triangles for mesh in source.meshes)
                 check_reading(_SOURCE_BYTES * triangles, source.file, cure=BINARY_PLY)
             scene = StreamedData(source, name=name, up=up, notes=tuple(notes))
+            scene.has_copies = would_be_instances(scene, options.instances, options.cutouts)
         else:
             triangles = sum(mesh.triangles * mesh.instances for mesh in source.meshes)
             check_reading(_TRIANGLE_BYTES * triangles, source.file)

@@ -380,7 +380,7 @@ class _PlyFaces:
         used, corners = distinct_vertices(check_faces(rows["corners"], self._n_vertices, self._where, int(faces[0])))
         vertices = self._vertices[used]
         check_finite(_columns(vertices, *"xyz"), self._where, used)
-        return _mesh_of_rows(vertices, rows, corners, self._name, self._where)
+        return _mesh_of_rows(vertices, rows, corners, self._name, self._where)._replace(numbers=used)
 
 
 # --- Writing ----------------------------------------------------------------------------------------------------------

@@ -56,6 +56,7 @@ class _MaterialGroup:
     def __init__(self) -> None:
         self.segments = list[tuple[int, int]]()  # first triangle in the scratch file, and number of triangles
         self.least, self.most = np.full(3, np.iinfo(np.int64).max), np.full(3, -1)  # numbers of corners
+        self.is_one = np.ones(3, np.bool_)  # whether each column of the corners is the first one
 
     @property
     def n(self) -> int:
@@ -65,6 +66,7 @@ class _MaterialGroup:
         self.segments.append((first, len(corners)))
         self.least = np.minimum(self.least, corners.min(axis=(0, 1)))
         self.most = np.maximum(self.most, corners.max(axis=(0, 1)))
+        self.is_one &= (corners == corners[..., :1]).all(axis=(0, 1))
 
     def ranges(self) -> Iterator[NDArray[np.int64]]:
         """Yield the triangles' numbers in the scratch file, a piece at a time."""
@@ -123,10 +125,12 @@ class ObjStream:
             for numbers in group.ranges():
                 corners = self._corners[numbers].astype(np.int64)
                 mesh = self._attributes.mesh(name, corners, material, used)
-                is_range = len(numbers) < group.n
+                # A vertex is a row of all columns, which has no number unless they are equal.
+                vertices = np.unique(corners[..., 0]) if group.is_one[used].all() else None
                 yield Piece(
-                    mesh.positions[None], mesh.faces, mesh.colour, where, first=k, look=mesh.look, is_range=is_range
-                )
+                    mesh.positions[None], mesh.faces, mesh.colour, where, first=k, look=mesh.look,
+                    is_range=len(numbers) < group.n, numbers=vertices,
+                )  # fmt: skip
 
     def cameras(self, time: float) -> list[Any]:
         return []

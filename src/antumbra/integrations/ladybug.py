@@ -35,7 +35,7 @@ def intersection_matrix(
     vectors: VectorsLike, points: VectorsLike, normals: VectorsLike, context_geometry: Iterable[Any],
     offset_distance: float = 0, numericalize: bool = False, sim_folder: Any = None, use_radiance_mesh: Any = False,
 ) -> NDArray[Any]:  # fmt: skip
-    """Find which vectors are seen from which points, as ``ladybug_radiance.intersection.intersection_matrix`` does.
+    """Find which vectors are visible from which points, as ``ladybug_radiance.intersection.intersection_matrix`` does.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def sky_intersection_matrix(
     sky_matrix: Any, points: VectorsLike, normals: VectorsLike, context_geometry: Iterable[Any],
     offset_distance: float = 0, numericalize: bool = False, sim_folder: Any = None, use_radiance_mesh: Any = False,
 ) -> NDArray[Any]:  # fmt: skip
-    """Find which patches of a sky matrix are seen, as ``ladybug_radiance.intersection.sky_intersection_matrix`` does.
+    """Find which sky patches are visible, as ``ladybug_radiance.intersection.sky_intersection_matrix`` does.
 
     Parameters
     ----------

@@ -22,6 +22,7 @@ from ..formats.library_meshes import KNOWN, is_mesh, meshes_of
 from ..kernels.elementary import tan
 from ..scene.mesh import Mesh, StaticMeshes, make_mesh, n_faces
 from ..scene.scene_data import MemoryData
+from ..scene.triangle_setup import face_rows
 from ..scene.triangles import AllHits, ClosestPoints
 
 _T = TypeVar("_T")
@@ -82,7 +83,8 @@ class RaycastingScene:
         scene, threads = self._committed(), _threads(nthreads)
         hit = self._of_rays(lambda valid: scene.closest_hit(valid, threads=threads), rays)
         t = hit.t.astype(np.float32)
-        return _results(t_hit=np.fmin(t, np.inf, out=t), **self._surfaces(hit.face, hit.u, hit.v))  # not NaN
+        surfaces = self._surfaces(hit.face, hit.u, hit.v, threads)
+        return _results(t_hit=np.fmin(t, np.inf, out=t), **surfaces)  # not NaN
 
     def test_occlusions(self, rays: ArrayLike, tnear: float = 0.0, tfar: float = np.inf, nthreads: int = 0) -> Any:
         """(...) bool: whether each of the rays, (..., 6) float, hits anything between tnear and tfar.
@@ -175,7 +177,8 @@ class RaycastingScene:
         from `cast_rays`. For points that are NaN or infinite, they are NaN, `INVALID_ID` and 0.
         """
         found = self._closest(_rows(query_points, "query_points", 3), nthreads)
-        return _results(points=found.position.astype(np.float32), **self._surfaces(found.face, found.u, found.v))
+        surfaces = self._surfaces(found.face, found.u, found.v, _threads(nthreads))
+        return _results(points=found.position.astype(np.float32), **surfaces)
 
     def compute_distance(self, query_points: ArrayLike, nthreads: int = 0) -> Any:
         """(...) float32: the distance of each of the points, (..., 3) float, from the closest mesh."""
@@ -245,11 +248,11 @@ class RaycastingScene:
         return {"geometry_ids": _rows_at(faces.geometry, face), "primitive_ids": _rows_at(faces.primitive, face)}
 
     def _surfaces(
-        self, face: NDArray[np.int32], u: NDArray[np.float32], v: NDArray[np.float32]
+        self, face: NDArray[np.int32], u: NDArray[np.float32], v: NDArray[np.float32], threads: int | None
     ) -> dict[str, NDArray[Any]]:
         """What queries return for faces, (...) int32, -1: none, and the weights of their corners."""
-        normals = _rows_at(self._table().normals, face)
-        return self._ids(face) | {"primitive_uvs": _pairs(u, v), "primitive_normals": normals}
+        normals = face_rows(self._table().normals, np.ascontiguousarray(face.reshape(-1)), threads)
+        return self._ids(face) | {"primitive_uvs": _pairs(u, v), "primitive_normals": normals.reshape(*face.shape, 3)}
 
     def _table(self) -> "_Faces":
         if self._faces is None:
@@ -258,16 +261,16 @@ class RaycastingScene:
 
 
 class _Faces(NamedTuple):
-    """What queries return for a face; the last elements, at index -1, are those of a miss."""
+    """What queries return for a face."""
 
-    geometry: NDArray[np.uint32]  # (f + 1,)
-    primitive: NDArray[np.uint32]  # (f + 1,)
-    normals: NDArray[np.float32]  # (f + 1, 3) unit, 0 for faces without area
+    geometry: NDArray[np.uint32]  # (f + 1,), the last one, at index -1, for a miss
+    primitive: NDArray[np.uint32]  # (f + 1,), likewise
+    normals: NDArray[np.float32]  # (f + 1, 3) unit, 0 for faces without area; the first one for a miss
 
 
 def _faces_of(scene: Scene, counts: list[int]) -> _Faces:
     a, b, c = scene.triangles().vertices.astype(np.float64).swapaxes(0, 1)
-    normals = np.append(np.cross(b - a, c - a), np.zeros((1, 3)), axis=0)
+    normals = np.append(np.zeros((1, 3)), np.cross(b - a, c - a), axis=0)
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     unit = normals / np.where(lengths > 0.0, lengths, 1.0)
     counts = counts or [scene.n_triangles]

@@ -40,7 +40,7 @@ def pvlib_shading(
     azimuth: float = 180.0, samples: int = 16, place: Place | None = None, plan: str | Plan | None = None,
     threads: int | None = None, progress: Progress = None,
 ) -> "pandas.DataFrame":  # fmt: skip
-    """Find the shaded fraction of a module, and the share of the sky that it sees, at the times of a pandas index.
+    """Find how much of a module is shaded, and how much of the sky it sees, at the times of a pandas index.
 
     Each sample of the sun's disk is traced exactly from each point, at the geometric position of the sun
     (``elevation`` of pvlib, not ``apparent_elevation``).

@@ -134,6 +134,11 @@ class kernel(inlined):
         code, pack = self._functions.get(key) or self._find(key)
         return code(pack(*values))
 
+    def of_words(self, key: Key, words: bytes) -> Any:
+        """Call with arguments that are packed already, in microseconds less; `key`: the groups of each `Packed`."""
+        code, _ = self._functions.get(key) or self._find(key)
+        return code(words)
+
     def _completed(self, arguments: tuple[Any, ...], by_name: dict[str, Any]) -> tuple[Any, ...]:
         """All arguments, including those passed by name or by default."""
         values_by_name = self._defaults | by_name

@@ -285,7 +285,7 @@ def _loaded(name: str) -> Any:
     return typer.main.get_command(alone)
 
 
-app = typer.Typer(cls=_EntryPointGroup, help="Measure what the papers measured.", rich_markup_mode=None)
+app = typer.Typer(cls=_EntryPointGroup, help="Repeat the measurements of the papers.", rich_markup_mode=None)
 
 
 @app.callback()

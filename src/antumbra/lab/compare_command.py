@@ -244,7 +244,7 @@ def counters(comparison: "Comparison") -> list[tuple[str, list[str]]]:
     """Names and the counts of each plan, without counters that are 0 in all plans."""
     rows = [(name, [one.counters[name] for one in comparison.plans]) for name in comparison.plans[0].counters]
     for name in comparison.plans[0].paging or ():
-        rows.append((f"chunks: {name}", [(one.paging or {})[name] for one in comparison.plans]))
+        rows.append((f"chunks: {name}", [(one.paging or {}).get(name, 0) for one in comparison.plans]))
     changing = [(name.replace("_", " "), [f"{n:,}" for n in counts]) for name, counts in rows if any(counts)]
     return [*changing, ("tests per ray", [number(one.tests_per_ray) for one in comparison.plans])]
 

@@ -93,6 +93,10 @@ def _all_hits() -> None:
         _find_all_hits(Scene.of_data(data))
 
 
+def _contains() -> None:
+    Scene.of_data(small_scene()).contains(np.zeros((2, 3)), threads=1)
+
+
 def _closest_points() -> None:
     Scene.of_data(small_scene()).signed_distance(np.zeros((2, 3)), threads=1)
 
@@ -266,6 +270,7 @@ _BOUNCE = Plan(build="srdh", trace="single", sample=SrdhRays(bounce=True))
 EXAMPLES: dict[str, Callable[[], object]] = {
     "ray queries": _trace_rays,
     "all hits": _all_hits,
+    "contains": _contains,
     "closest points": _closest_points,
     "best tree": lambda: best_tree(small_scene().triangles(0.0, 2).vertices, 2),
     "update": _update,

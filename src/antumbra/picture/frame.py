@@ -281,9 +281,10 @@ def with_appearance(state: FrameState, surfaces: Surfaces, parts: int = 1) -> Su
     scene, request = state.tracer.scene, state.request
     seen = state.appearance_of(surfaces.triangles)
     if seen is None:
-        if request.options.textures and request.options.materials == PBR and scene.terrain is not None:
+        if request.options.textures and request.options.materials == PBR:
             tints = height_tints(scene, surfaces.gbuffer.position)
-            surfaces = surfaces._replace(albedo=np.where(surfaces.ids[..., None] >= 0, tints, np.float32(0.0)))
+            if tints is not None:
+                surfaces = surfaces._replace(albedo=np.where(surfaces.ids[..., None] >= 0, tints, np.float32(0.0)))
         return surfaces
     appearance, places = seen.appearance, surface_points(surfaces, seen.of_pixels(surfaces))
     if request.options.textures and seen.is_varied:

@@ -344,7 +344,7 @@ def shade_edges(
 ) -> None:
     """Shade sixteen sub-pixels of each pixel in the mask `edge`, and write their mean to the image."""
     rows, columns = np.nonzero(edge)
-    batch_size = state.tracer.at_once(edge_bytes(len(state.request.lights)))
+    batch_size = state.tracer.at_once(edge_bytes(state.request))
     for first in range(0, len(rows), batch_size):
         batch = np.zeros_like(edge)
         batch[rows[first : first + batch_size], columns[first : first + batch_size]] = True

@@ -115,6 +115,8 @@ _BAND_BYTES = 40  # surfaces of bands, while they are concatenated
 _SMOOTH_BYTES = 64
 _EDGE_BYTES = 40  # smoothed edges: their boundaries, and the shares of neighbours
 _FINER_BYTES = 96  # refined penumbrae
+_GROUND_BYTES = 64  # points on the ground, and its shares; beyond what the passes before it have freed
+_GROUND_HIT_BYTES = 160  # rays to the ground, and points on it in both precisions
 PATH_BYTES = 24  # the light that arrives along a path, until it is added to the pixel's
 SHARE_BYTES = 12  # of the light at a hit, which arrives at the pixel
 _BOUNCE_BYTES = 80
@@ -126,14 +128,16 @@ _EDGES = 4  # one pixel in four is assumed to be an edge pixel
 def frame_memory(request: Request) -> FrameMemory:
     """Estimate the memory of a frame."""
     pixels, bytes_ = request.camera.width * request.camera.height, _PICTURE_BYTES + _BAND_BYTES
-    bytes_ += sum(LIGHT_BYTES + 16 * (-(-samples.shape[1] // 64)) for samples in request.samples)
+    words = [-(-samples.shape[1] // 64) for samples in request.samples]
+    bytes_ += sum(LIGHT_BYTES + 16 * n for n in words)
+    bytes_ += 0 if request.ground is None else _GROUND_BYTES + sum(4 + 8 * n for n in words)
     bytes_ += _SMOOTH_BYTES * request.smooth + PASS_BYTES * request.camera.listed
     bytes_ += _EDGE_BYTES * request.options.smooths_edges
     cells = sum(CELL_BYTES * ray_set_count(light, samples) for light, samples in zip(request.lights, request.samples))
     passes = 0
     if request.finer is not None:
         bytes_ += _FINER_BYTES * len(request.samples)
-        passes = edge_bytes(len(request.lights)) // _EDGES
+        passes = edge_bytes(request) // _EDGES
     if request.passes:
         bytes_ += _BOUNCE_BYTES
         traced = (PASS_BYTES + group_bytes(request)) * len(request.passes[0].directions) * _grid_pixels(request)
@@ -147,9 +151,11 @@ def group_bytes(request: Request) -> int:
     return SURFACE_BYTES + PATH_BYTES + LIGHT_BYTES * len(request.lights) + later
 
 
-def edge_bytes(lights: int) -> int:
+def edge_bytes(request: Request) -> int:
     """Bytes for the sub-pixels of one edge pixel."""
-    return SUBPIXELS * (PASS_BYTES + SURFACE_BYTES + _PICTURE_BYTES // 2 + LIGHT_BYTES * lights)
+    lights = LIGHT_BYTES * len(request.lights)
+    ground = 0 if request.ground is None else _GROUND_HIT_BYTES + lights
+    return SUBPIXELS * (PASS_BYTES + SURFACE_BYTES + _PICTURE_BYTES // 2 + lights + ground)
 
 
 # --- Surfaces and shadow queries at one time, and the tree for them ---------------------------------------------------

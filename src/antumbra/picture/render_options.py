@@ -186,7 +186,7 @@ class RenderOptions:
     bounce: int | None = option(
         None,
         WholeNumber(1, MAX_SPP, optional=True),
-        "Replace ambient light by light that bounces once, with this number of diffuse rays per pixel.",
+        "Bounced light from RAYS diffuse rays per pixel. It replaces ambient light.",
         panel="Light",
         metavar="RAYS",
     )
@@ -195,7 +195,7 @@ class RenderOptions:
     bounces: int = option(
         1,
         WholeNumber(1, MAX_BOUNCES),
-        "Follow each diffuse ray of --bounce to this number of surfaces.",
+        "Follow each ray of --bounce to N surfaces.",
         panel="Light",
         start=None,
         note="1",
@@ -206,7 +206,7 @@ class RenderOptions:
     bounce_step: int = option(
         1,
         _bounce_step,
-        "Trace bounced light at every N-th pixel of every N-th row only (1, 2, 4 or 8), and interpolate it in between.",
+        "Trace bounced light at every N-th pixel and row. N is 1, 2, 4 or 8; pixels in between are interpolated.",
         panel="Light",
         kind=int,
         start=None,
@@ -216,7 +216,7 @@ class RenderOptions:
     """Trace the diffuse rays of `bounce` at every n-th pixel of every n-th row only: 1, 2, 4 or 8. The others take the
     mean of the grid pixels around them that see the same surface. With n = 4, 16 times as many rays cost the same."""
     ambient: bool = option(
-        True, flag, "Add a little ambient light, in place of light that bounces.", panel="Light", commands=("render",)
+        True, flag, "Add a little ambient light. It stands in for bounced light.", panel="Light", commands=("render",)
     )
     """Add ambient light to the image: 12 % of the mean direct light of the visible surfaces, less on surfaces that face
     sideways. It stands for light that bounces; `bounce` replaces it. If False, the image holds direct light alone, so
@@ -280,7 +280,7 @@ class RenderOptions:
     lowest point at this time (see `Scene.ground_height`); a number: at this height along the scene's up axis, in world
     units. Pixels that see the plane show the background times the ratio of the light that arrives to the light that
     would arrive without shadows. `Frame.ground` has its visibility. The plane blocks no ray, changes no other pixel and
-    is not in `Frame.mask`. It is invisible from below. Not available for a store."""
+    is not in `Frame.mask`. It is invisible from below."""
 
     def __post_init__(self) -> None:
         check_fields(self)

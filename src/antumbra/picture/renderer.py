@@ -161,10 +161,6 @@ class Renderer:
         """The height of the shadow-catcher plane; None: no plane."""
         if options.ground is False:
             return None
-        if self.source.memory is not None:
-            raise InputError(
-                f"{self.scene.name} is in a store, and ground works only for scenes in memory; leave it out"
-            )
         return self.scene.ground_height(options.time) if options.ground is True else options.ground
 
     def _precompile(self, request: Request) -> None:

@@ -11,5 +11,6 @@
 - `raster_bins`: screen bounds of triangles, triangle list of each tile
 - `rasteriser`: `rasterise`, tile by tile
 - `surface_caps`: triangles that close open surfaces
+- `cap_columns`: where rays along axes and diagonals miss all caps
 - `pixel_refinement`: pixels at silhouettes and in penumbrae, and their sub-pixels
 """

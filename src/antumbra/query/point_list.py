@@ -36,7 +36,8 @@ class PointArguments(NamedTuple):
 
         A point fails if a coordinate is NaN, infinite or beyond float32. InputError if all points do.
         """
-        if np.abs(self.points).max(initial=0.0) < MAX_COORDINATE:
+        low, high = self.points.min(initial=0.0), self.points.max(initial=0.0)  # of all, without other arrays
+        if low > -MAX_COORDINATE and high < MAX_COORDINATE:
             return self, np.empty(0, np.intp)
         good = (np.abs(self.points) < MAX_COORDINATE).all(-1)
         if not good.any():

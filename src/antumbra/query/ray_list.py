@@ -5,6 +5,7 @@ in float64 before they are rounded to float32.
 """
 
 from collections.abc import Callable
+from functools import lru_cache
 from math import prod
 from typing import Any, NamedTuple, TypeAlias
 
@@ -13,7 +14,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from ..base.checks import as_array, choice
 from ..base.errors import InputError
-from ..kernels.marshalling import ArgumentForm, Packed, address_of, flatten, struct_of
+from ..kernels.marshalling import ArgumentForm, Packed, address_of, flatten, packed, struct_of
 from ..scene.scene_bounds import flush_to_zero
 from ..scene.triangles import HitFilter, Triangles
 from .ray_passes import RayPass
@@ -63,12 +64,16 @@ class HitArrays(NamedTuple):
 
     def packed(self) -> Packed:
         """The arrays as a kernel argument, which they must outlive."""
+        return _HITS.of_words(self.words(), None)
+
+    def words(self) -> bytes:
+        """The words of `packed`."""
         blocked, face, t, u, v = self
-        if not len(face):
-            return _HITS.pack(address_of(blocked), len(blocked), 1, 0, 0, 4, 0, 0, 8, 0, 0, 4, 0, 0, 4)
         m = len(face)
+        if not m:
+            return _BOOLS.pack(address_of(blocked), len(blocked), 1) + _NO_HIT_WORDS
         pointers = (address_of(face), m, 4, address_of(t), m, 8, address_of(u), m, 4, address_of(v), m, 4)
-        return _HITS.pack(0, 0, 1, *pointers)
+        return _HIT_STRUCT.pack(0, 0, 1, *pointers)
 
 
 FoundTriangles: TypeAlias = Callable[[], tuple[Triangles, np.ndarray]]
@@ -103,7 +108,14 @@ _HITS = ArgumentForm(_NONE)
 _POINTS, _NUMBERS, _ORIGIN = Operand(0, 0, 0, 0), Number(0, 0, 0, 0.0), (0.0, 0.0, 0.0)
 NO_RAYS = RayList(_POINTS, _POINTS, _NUMBERS, _NUMBERS, _NUMBERS, _ORIGIN, 0, 0, False)
 _RAYS = ArgumentForm(NO_RAYS)
-_OPERAND, _NUMBER, _GENERAL = (struct_of(flatten(each)[0]) for each in (_POINTS, _NUMBERS, (*_ORIGIN, 0, 0, False)))
+_OPERAND, _NUMBER, _ROWS, _FRAME, _REST = (
+    struct_of(flatten(each)[0]) for each in (_POINTS, _NUMBERS, (*_POINTS, *_POINTS), _ORIGIN, (0, 0, False))
+)
+_HIT_STRUCT = struct_of(flatten((_NONE,))[0])
+_BOOLS, _NO_HIT_WORDS = (
+    struct_of(flatten((_NONE.blocked,))[0]),
+    packed(_NONE).words[24:],
+)  # of one array, and the others
 _I32, _F32, _F64 = np.dtype(np.int32), np.dtype(np.float32), np.dtype(np.float64)  # in the byte order of this machine
 
 
@@ -158,20 +170,22 @@ class RayArguments(NamedTuple):
 
     def packed(self) -> Packed:
         """The rays as a kernel's `RayList`, which keeps the arrays alive."""
+        return _RAYS.of_words(*self.words())
+
+    def words(self) -> tuple[bytes, object]:
+        """The words of `packed`, and the arrays that they point to."""
         o, d, tmin, tmax, skip, shape, facing, segments, frame, _ = self
-        if type(tmin) is type(tmax) is type(skip) is float and _are_rows(o, shape) and _are_rows(d, shape):
-            packed = _RAYS.pack(
-                address_of(o), *o.strides, o.itemsize == 8, address_of(d), *d.strides, d.itemsize == 8,
-                0, 0, False, tmin, 0, 0, False, tmax, 0, 0, False, skip, *frame, *shape, facing, segments,
-            )  # fmt: skip
-            packed.value = o, d
-            return packed
+        shared = type(tmin) is type(tmax) is type(skip) is float
+        if shared and len(shape) == 1 and _are_rows(o, *shape) and _are_rows(d, *shape):
+            rows = _ROWS.pack(address_of(o), *o.strides, o.itemsize == 8, address_of(d), *d.strides, d.itemsize == 8)
+            numbers = _shared_words(tmin, tmax, skip, frame)  # type: ignore[arg-type]
+            return rows + numbers + _REST.pack(*shape, facing, segments), (o, d)
         (o, origins), (d, directions) = _operand(o, shape), _operand(d, shape)
         (tmin, begin), (tmax, end) = _number(tmin, shape), _number(tmax, shape)
         skip, face = _number(skip, shape, _I32)
-        general = _GENERAL.pack(*frame, prod(shape), facing, segments)
+        general = _FRAME.pack(*frame) + _REST.pack(prod(shape), facing, segments)
         words = b"".join((origins, directions, begin, end, face, general))
-        return _RAYS.of_words(words, (o, d, tmin, tmax, skip))
+        return words, (o, d, tmin, tmax, skip)
 
     def arrays(self) -> "RayArrays":
         """The rays as rows of arrays."""
@@ -219,14 +233,18 @@ def rays_of(
     if origins.shape[-1:] != (3,) or directions.shape[-1:] != (3,):
         array, name = (directions, target_name) if origins.shape[-1:] == (3,) else (origins, "origins")
         raise InputError(f"{name} must have shape (..., 3), not {array.shape}")
-    tmin, tmax, skip = _number_or_array(tmin, "tmin"), _number_or_array(tmax, "tmax"), _skip(skip_face, n_faces)
+    tmin = tmin if type(tmin) is float else as_array(tmin, "tmin", strided=True)
+    tmax = tmax if type(tmax) is float else as_array(tmax, "tmax", strided=True)
+    skip = -1.0 if skip_face is None else _skip(skip_face, n_faces)
     shape: tuple[int, ...] | None = origins.shape[:-1]
     if directions.shape != origins.shape or not type(tmin) is type(tmax) is type(skip) is float:
         shape = _shape(origins.shape[:-1], directions.shape[:-1], tmin, tmax, skip)
         if shape is None:
-            sizes = ", ".join(f"{k} {np.shape(x)}" for k, x in (("tmin", tmin), ("tmax", tmax), ("skip_face", skip)))
+            others = {"tmin": np.shape(tmin), "tmax": np.shape(tmax), "skip_face": np.shape(skip)}
+            sizes = "".join(f", {name} {size}" for name, size in others.items() if size)
             raise InputError(
-                f"shapes do not broadcast: origins {origins.shape}, {target_name} {directions.shape}, {sizes}"
+                f"shapes do not broadcast: origins {origins.shape}, {target_name} {directions.shape}{sizes}; "
+                "origins[:, None] tests all pairs"
             )
     assert shape is not None
     facing = 0 if cull_faces is None else cull_value(cull_faces)
@@ -250,13 +268,7 @@ def segments_between(
     return RayArguments(begin, end, 0.0, 1.0, skip, (len(begin),), facing, True, (0.0, 0.0, 0.0), time)
 
 
-def _number_or_array(value: ArrayLike, what: str) -> np.ndarray | float:
-    return value if type(value) is float else as_array(value, what, strided=True)
-
-
-def _skip(skip_face: ArrayLike | None, n_faces: int) -> np.ndarray | float:
-    if skip_face is None:
-        return -1.0
+def _skip(skip_face: ArrayLike, n_faces: int) -> np.ndarray:
     skip = as_array(skip_face, "skip_face", strided=True)
     if skip.dtype.kind == "f":
         raise InputError(f"skip_face must hold integers, not {skip.dtype}")
@@ -289,9 +301,16 @@ def _segment_ends(
     return targets, 1.0
 
 
-def _are_rows(array: np.ndarray, shape: tuple[int, ...]) -> bool:
-    """Whether points have a row for each ray, in memory that kernels read."""
-    return array.shape == (*shape, 3) and len(shape) == 1 and (array.dtype is _F64 or array.dtype is _F32)
+def _are_rows(array: np.ndarray, n: int) -> bool:
+    """Whether points have a row for each of n rays, in memory that kernels read."""
+    return array.shape == (n, 3) and (array.dtype is _F64 or array.dtype is _F32)
+
+
+@lru_cache(64)
+def _shared_words(tmin: float, tmax: float, skip: float, frame: tuple[float, float, float]) -> bytes:
+    """The words of a `RayList` from `tmin` to `frame`, where all rays share its numbers."""
+    numbers = (_NUMBER.pack(0, 0, False, each) for each in (tmin, tmax, skip))
+    return b"".join((*numbers, _FRAME.pack(*frame)))
 
 
 def _operand(array: np.ndarray, shape: tuple[int, ...]) -> tuple[np.ndarray, bytes]:

@@ -20,7 +20,7 @@
 - `ktx2`: compressed textures
 - `rough_mirrors`: directions in which rough surfaces mirror light
 - `appearance`: textures, vertex colours and shading normals per face corner
-- `face_looks`: the same piece by piece, for stores
+- `face_looks`: the same piece by piece, for stores; `shared_vertices`: the shading of vertices of several pieces
 - `tangents`: tangents of normal maps
 - `alpha_masks`: cut-out faces
 - `raster`: the cells of a horizontal raster

@@ -26,7 +26,7 @@ from .materials import (
 )
 from .mesh import Piece, Source
 from .scene_bounds import faces_of
-from .tangents import corner_tangents
+from .tangents import add_tangents, corner_tangents
 
 SHARPEST = 0.35
 """About the sine of 20 degrees: faces that bend more form a visible edge."""
@@ -43,7 +43,7 @@ class Appearance:
     uv: NDArray[np.float32] | None  # (n, 3, 2) float32: texture coordinates of corners; 0 without a texture
     colours: NDArray[np.float32] | None  # (n, 3, 4) float32: linear colour and alpha of corners; 1 where there is none
     normals: NDArray[np.float32] | None  # (n, 3, 3) float32: corner normals, `normals_in_frames`; 0 where there is none
-    bends: NDArray[np.float32] | None  # (n, 3) float32: sine of the angle from normals to faces, see `_bends`
+    bends: NDArray[np.float32] | None  # (n, 3) float32: sine of the angle from normals to faces, see `_widen`
     textured: NDArray[np.bool_]  # (n,) bool: whether the face shows a texture
     mapped: NDArray[np.bool_] | None = None  # (n,) bool: whether it has texture coordinates; None: as `textured`
     tangents: NDArray[np.float32] | None = None  # (n, 3, 3) float32: of corners, as `normals`, for normal maps
@@ -79,6 +79,13 @@ class Appearance:
         return replace(self, materials=materials, material_of_face=material_of_face)
 
 
+class VertexShading(NamedTuple):
+    """What the faces around the vertices of a mesh decide; of a part of its faces, what all of them decide."""
+
+    widest: NDArray[np.float64]  # (v,): sines of angles, see `_widen`
+    tangents: NDArray[np.float64]  # (2 v, 3): `tangents.add_tangents`
+
+
 class _MeshFaces(NamedTuple):
     """The faces of all copies of a mesh."""
 
@@ -87,6 +94,7 @@ class _MeshFaces(NamedTuple):
     first: int  # index of its first face in the scene
     copies: int
     linear: NDArray[np.float64] | None  # (k, 3, 3) float64
+    shading: VertexShading | None = None  # of the only copy; None: these are all faces
 
     @property
     def rows(self) -> slice:
@@ -109,10 +117,26 @@ def appearance_of(source: Source, n: int, plain: bool = False) -> Appearance | N
     return _with_normals(parts, n)
 
 
-def appearance_of_piece(piece: Piece) -> Appearance | None:
-    """The appearance of the faces of all copies in a piece; None if the mesh has no look."""
+def appearance_of_piece(piece: Piece, shading: VertexShading | None = None) -> Appearance | None:
+    """The appearance of the faces of all copies in a piece; None if the mesh has no look.
+
+    shading : what all faces of the mesh decide, if the piece has some of them
+    """
     part = _mesh_faces(piece, 0)
-    return None if part is None else _with_normals([part], faces_of(piece) * len(piece.vertices))
+    if part is None:
+        return None
+    return _with_normals([part._replace(shading=shading)], faces_of(piece) * len(piece.vertices))
+
+
+def add_shading(piece: Piece, shading: VertexShading) -> None:
+    """Add the faces of a piece, in order, to what those before them decide, in place. It has one copy, and normals."""
+    part = _mesh_faces(piece, 0)
+    assert part is not None
+    corners, normals = _turned(part)
+    _widen(shading.widest, corners, normals, part.faces)
+    if part.look.uv is not None and any(map(_bump_of, part.look.materials)):
+        assert part.look.rest_positions is not None
+        add_tangents(shading.tangents, part.look.rest_positions, part.faces, _bump_uv(part)[0])
 
 
 def _with_normals(parts: "list[_MeshFaces]", n: int) -> Appearance:
@@ -185,16 +209,28 @@ def _normals(parts: list[_MeshFaces], n: int) -> tuple[np.ndarray | None, np.nda
         return None, None
     out, bends = np.zeros((n, 3, 3), np.float32), np.zeros((n, 3), np.float32)
     for part in shaded:
-        normals, rest_positions = part.look.normals, part.look.rest_positions
-        assert normals is not None and rest_positions is not None
-        linear = _invertible(part)
-        corners = product(rest_positions, linear.transpose(0, 2, 1))
-        turned = product(normals, inverse(linear))  # by the inverse transpose
-        corners, turned = (each[:, part.faces].reshape(-1, 3, 3) for each in (corners, turned))
+        corners, turned = _turned(part)
         out[part.rows] = normals_in_frames(corners, turned)
-        vertices = part.faces + len(rest_positions) * np.arange(part.copies)[:, None, None]
-        bends[part.rows] = _bends(corners, turned, vertices.reshape(-1, 3), part.copies * len(rest_positions))
+        assert part.look.normals is not None
+        n_vertices = len(part.look.normals)
+        vertices = (part.faces + n_vertices * np.arange(part.copies)[:, None, None]).reshape(-1, 3)
+        if part.shading is None:
+            _widen(widest := np.zeros(part.copies * n_vertices), corners, turned, vertices)
+        else:
+            widest = part.shading.widest
+        bends[part.rows] = widest[vertices]
     return out, bends
+
+
+def _turned(part: _MeshFaces) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The corners and the shading normals of the faces of all copies, (k f, 3, 3) float64 each, at rest."""
+    normals, rest_positions = part.look.normals, part.look.rest_positions
+    assert normals is not None and rest_positions is not None
+    linear = _invertible(part)
+    corners = product(rest_positions, linear.transpose(0, 2, 1))
+    turned = product(normals, inverse(linear))  # by the inverse transpose
+    corners, turned = (each[:, part.faces].reshape(-1, 3, 3) for each in (corners, turned))
+    return corners, turned
 
 
 def _invertible(part: _MeshFaces) -> NDArray[np.float64]:
@@ -212,13 +248,10 @@ def _tangents(parts: list[_MeshFaces], n: int) -> tuple[np.ndarray | None, np.nd
     out, hands = np.zeros((n, 3, 3), np.float32), np.zeros(n, np.float32)
     for part in bumpy:
         look, faces, positions = part.look, part.faces, part.look.rest_positions
-        assert positions is not None and look.uv is not None
-        uv, has_bump = look.uv[faces], np.zeros(len(faces), bool)
-        for k, material in enumerate(look.materials):
-            if (bump := _bump_of(material)) is not None:
-                rows = np.ones(len(faces), bool) if look.material_of_face is None else look.material_of_face == k
-                uv[rows], has_bump = bump.transformed(uv[rows]), has_bump | rows
-        tangents = corner_tangents(positions, faces, uv, look.normals, look.tangents)
+        assert positions is not None
+        uv, has_bump = _bump_uv(part)
+        sums = None if part.shading is None else part.shading.tangents
+        tangents = corner_tangents(positions, faces, uv, look.normals, look.tangents, sums)
         linear = _invertible(part)
         corners = product(positions, linear.transpose(0, 2, 1))[:, faces].reshape(-1, 3, 3)
         mirrored = np.sign(determinant(linear))[:, None, None]
@@ -228,12 +261,24 @@ def _tangents(parts: list[_MeshFaces], n: int) -> tuple[np.ndarray | None, np.nd
     return out, hands
 
 
+def _bump_uv(part: _MeshFaces) -> tuple[np.ndarray, NDArray[np.bool_]]:
+    """(f, 3, 2): the coordinates of corners in normal maps; (f,) bool: which faces have one."""
+    look, faces = part.look, part.faces
+    assert look.uv is not None
+    uv, has_bump = look.uv[faces], np.zeros(len(faces), bool)
+    for k, material in enumerate(look.materials):
+        if (bump := _bump_of(material)) is not None:
+            rows = np.ones(len(faces), bool) if look.material_of_face is None else look.material_of_face == k
+            uv[rows], has_bump = bump.transformed(uv[rows]), has_bump | rows
+    return uv, has_bump
+
+
 def _bump_of(material: Material) -> TextureMap | None:
     return pbr_of(material).normal_map
 
 
-def _bends(corners: np.ndarray, normals: np.ndarray, vertices: np.ndarray, n_vertices: int) -> NDArray[np.float64]:
-    """(f, 3) float64: sine of the largest angle between the shading normals at a vertex and the normals of its faces.
+def _widen(widest: NDArray[np.float64], corners: np.ndarray, normals: np.ndarray, vertices: np.ndarray) -> None:
+    """Raise the sines at vertices of faces: of the largest angle between its shading normals and normals of its faces.
 
     A light elevated by less than this angle above the horizon of the shading normal is below the horizon of some of
     these faces. `picture.irradiance` cuts the light off at this angle on all of them alike, at most at `SHARPEST`.
@@ -241,10 +286,7 @@ def _bends(corners: np.ndarray, normals: np.ndarray, vertices: np.ndarray, n_ver
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     sine = np.linalg.norm(np.cross(normals, across[:, None]), axis=-1)
     sine /= np.maximum(np.linalg.norm(normals, axis=-1) * np.linalg.norm(across, axis=-1)[:, None], 1e-300)
-    widest = np.zeros(n_vertices)
     np.maximum.at(widest, vertices.reshape(-1), np.minimum(sine, SHARPEST).reshape(-1))
-    out: NDArray[np.float64] = widest[vertices]
-    return out
 
 
 def normals_in_frames(corners: NDArray[np.float64], normals: NDArray[np.float64]) -> NDArray[np.float32]:

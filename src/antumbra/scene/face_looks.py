@@ -11,6 +11,7 @@ from .appearance import Appearance, appearance_of_piece
 from .materials import Material, MeshAppearance, pbr_of
 from .mesh import Piece
 from .scene_bounds import faces_of
+from .shared_vertices import SharedVertices, shares_vertices
 
 
 class LookWidth(NamedTuple):
@@ -113,15 +114,15 @@ class FoundLooks(LookFinder):
 class StreamedLooks(LookFinder):
     """Those of a scene whose pieces are never all in memory.
 
-    Where a mesh is read in several pieces, a vertex at their borders lacks the faces of the others, on which the
-    tangents of a file without tangents and `Appearance.bends` depend.
+    shared : of meshes that are read in several pieces, whose vertices at borders have faces of others; None: no mesh is
     """
 
-    def __init__(self, attributes: Collection[str] = ()):
-        self.attributes = attributes
+    def __init__(self, attributes: Collection[str] = (), shared: SharedVertices | None = None):
+        self.attributes, self._shared = attributes, shared
 
     def of(self, piece: Piece) -> tuple[FaceLooks, list[Material]]:
-        appearance = appearance_of_piece(piece)
+        shading = None if self._shared is None or not shares_vertices(piece) else self._shared.of(piece)
+        appearance = appearance_of_piece(piece, shading)
         if appearance is None:
             return plain_looks(len(piece.vertices) * faces_of(piece)), []
         return looks_of(appearance), appearance.materials

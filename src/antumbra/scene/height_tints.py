@@ -1,7 +1,8 @@
 """The colours of terrain in pictures, by height, as on maps: from meadows in valleys to rock and snow.
 
-A scene that is one raster of heights has no colours of its own. These are for the eye alone: `Scene.colours`, bounced
-light and bakes keep the plain colour of terrain, and so do pictures of lists of tiles, which have no heights.
+A scene of nothing but terrain has no colours of its own. These are for the eye alone: `Scene.colours`, bounced light
+and bakes keep the plain colour of terrain. They follow from the points that a picture shows, so scenes in memory and
+after an update, stores and lists of tiles all have them.
 """
 
 import numpy as np
@@ -32,13 +33,18 @@ def _ramp() -> NDArray[np.float32]:
 _RAMP = _ramp()
 
 
-def height_tints(scene: SceneData, points: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The linear colours of points of a scene whose `terrain` is one raster, both (..., 3) float32; recentred points.
+def height_tints(scene: SceneData, points: NDArray[np.float32]) -> NDArray[np.float32] | None:
+    """The linear colours of points, both (..., 3) float32; None for a scene that has colours of its own.
+
+    points : recentred
 
     The highest and the lowest point of the scene are the ends of the ramp. Level terrain has the colour of meadows.
     """
-    low, high = scene.bounds[:, 2] - scene.origin[2]
+    if not scene.of_heights or scene.has_looks:
+        return None
+    axis = "xyz".index(scene.up)
+    low, high = scene.bounds[:, axis] - scene.origin[axis]
     scale = np.float32((_LEVELS - 1) / (high - low) if high > low else 0.0)
-    steps = (points[..., 2] - np.float32(low)) * scale
+    steps = (points[..., axis] - np.float32(low)) * scale
     out: NDArray[np.float32] = _RAMP[np.clip(np.nan_to_num(steps), 0, _LEVELS - 1).astype(np.uint8)]
     return out

@@ -16,6 +16,7 @@ from .materials import Transmittance
 from .mesh import Source
 from .scene_bounds import MAX_SAMPLED_FACES, check_extent, flush_to_zero, frame_origin
 from .scene_data import MemoryData, SceneData, check_up_axis
+from .streamed_data import StreamedData
 from .triangles import Triangles
 from .units import LengthUnit
 
@@ -45,6 +46,16 @@ def wants_instances(source: Source, instances: bool | None, alpha: bool = True) 
     if instances and (obstacle := _obstacle(source, alpha)) is not None:
         raise InputError(f"{source.file}: instances=True does not work, since {obstacle}; leave it out")
     return instances
+
+
+def would_be_instances(scene: StreamedData, instances: bool | None, alpha: bool = True) -> bool:
+    """Whether memory would keep the copies of meshes of a scene that is read piece by piece; as `wants_instances`."""
+    if instances is not None:
+        return instances
+    source = scene.source
+    if not hasattr(source, "instances") or source.duration > 0.0 or (alpha and scene.lets_light_pass):
+        return False
+    return saved_bytes(source) > FEW_BYTES
 
 
 def saved_bytes(source: Source) -> int:

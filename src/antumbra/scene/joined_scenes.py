@@ -15,7 +15,8 @@ from .camera import Camera
 from .lights import Light
 from .mesh import Piece, Source
 from .moved_geometry import at_corners, look_of_corners
-from .scene_data import CityModel, MemoryData, SemanticSurface
+from .scene_data import CityModel, MemoryData, SceneData, SemanticSurface
+from .units import LengthUnit
 
 # --- Scenes at another place ------------------------------------------------------------------------------------------
 
@@ -82,6 +83,14 @@ class JoinedSources:
         return self._first.lights(time)
 
 
+def joined_system(first: SceneData, second: SceneData) -> tuple[str | None, LengthUnit | None]:
+    """The CRS and the given unit of two scenes as one. InputError if both have a unit, and these differ."""
+    crs, unit = first.crs or second.crs, first.given_unit or second.given_unit
+    if not first.unit.same_as(second.unit) and (unit is not None or (first.crs and second.crs)):
+        raise InputError(f"{first.name} is in {first.unit.name}, and {second.name} in {second.unit.name}; scale one")
+    return crs, unit
+
+
 def join_data(first: MemoryData, second: MemoryData, name: str) -> MemoryData:
     """The data of both scenes, with the CRS, the unit, the up axis and the raster of the first.
 
@@ -95,9 +104,7 @@ def join_data(first: MemoryData, second: MemoryData, name: str) -> MemoryData:
     """
     city = None if first.city is None else _with_objects(first.city, second)
     notes = (*first.notes, *second.notes)
-    crs, unit = first.crs or second.crs, first.given_unit or second.given_unit
-    if not first.unit.same_as(second.unit) and (unit is not None or (first.crs and second.crs)):
-        raise InputError(f"{first.name} is in {first.unit.name}, and {second.name} in {second.unit.name}; scale one")
+    crs, unit = joined_system(first, second)
     source = JoinedSources(first.source, second.source, name)
     data = MemoryData(source, name=name, up=first.up, notes=notes, crs=crs, unit=unit)
     data.city, data.raster = city, first.raster

@@ -32,6 +32,7 @@ class Mesh(NamedTuple):
     colour: NDArray[np.float32]  # (3,) or (f, 3) float32, linear, in [0, 1]: mean colours
     look: MeshAppearance | None = None  # textures, vertex colours, normals; None: the mean colours suffice
     used: NDArray[np.bool_] | None = None  # (v0,) bool: which vertices of the array are `positions`; None: all
+    numbers: NDArray[np.int64] | None = None  # (v,) ascending: of vertices in the mesh of which this is a part
 
 
 class MeshInfo(NamedTuple):
@@ -113,8 +114,8 @@ def check_faces(faces: np.ndarray, n_vertices: int, where: str, first: int = 0) 
     if faces.size and (faces.min() < 0 or faces.max() >= n_vertices):
         bad = int(np.argmax(((faces < 0) | (faces >= n_vertices)).any(axis=1)))
         raise InputError(
-            f"{where}: face {first + bad} uses vertex {', '.join(map(str, faces[bad].tolist()))}, "
-            f"but there are {counted(n_vertices, 'vertex')}; export the mesh again"
+            f"{where}: face {first + bad} uses the vertices {', '.join(map(str, faces[bad].tolist()))}, "
+            f"and the mesh has {counted(n_vertices, 'vertex')}, counted from 0; export the mesh again"
         )
     return np.ascontiguousarray(faces, np.int32)  # no second copy of int32
 
@@ -180,6 +181,7 @@ class Piece(NamedTuple):
     linear: NDArray[np.float64] | None = None  # (k, 3, 3) float64: object-to-world, for the look's normals; None: 1
     used: NDArray[np.bool_] | None = None  # (v0,) bool: as in `Mesh`
     is_range: bool = False  # whether other pieces may have faces at the same vertices
+    numbers: NDArray[np.int64] | None = None  # (v,): as in `Mesh`; None: not known, or not `is_range`
 
 
 class Source(Protocol):

@@ -5,6 +5,7 @@
 
 from collections.abc import Iterable
 from itertools import count
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -189,7 +190,7 @@ class FaceSample:
     """
 
     def __init__(self, n_triangles: int, first: int = 0):
-        self._step, self._first = max(-(-n_triangles // MAX_SAMPLED_FACES), 1), first
+        self._step, self._first = every_face(n_triangles), first
         self._found = [np.empty((0, 3, 3))]
 
     def add(self, piece: Piece) -> None:
@@ -254,6 +255,23 @@ def detail_box(faces: np.ndarray) -> NDArray[np.float64]:
             np.where(bounds[1] <= upper + _FAR * extent, bounds[1], upper + _AROUND * extent),
         ]
     )
+
+
+class Detail(NamedTuple):
+    """Where nearly all triangles of a scene are."""
+
+    box: NDArray[np.float64]  # (2, 3) float64, world: the `detail_box` of a sample of its faces
+    dense: NDArray[np.float64]  # (3,) float64, world: the median on each axis of the first corners of the sample
+
+    @classmethod
+    def of(cls, box: NDArray[np.float64], corners: NDArray[np.float32], origin: NDArray[np.float64]) -> "Detail":
+        """The detail within a box; `corners`: (m, 3), the first corners of the sample, in the frame at an origin."""
+        return cls(box, np.median(corners, axis=0) + origin)
+
+
+def every_face(n_triangles: int) -> int:
+    """The step between the faces of a sample of about `MAX_SAMPLED_FACES` faces at most."""
+    return max(-(-n_triangles // MAX_SAMPLED_FACES), 1)
 
 
 def corners_within(faces: np.ndarray, box: np.ndarray) -> NDArray[np.float64]:

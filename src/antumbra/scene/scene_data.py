@@ -26,12 +26,12 @@ from .camera import Camera
 from .crs import unit_of_crs
 from .face_looks import FoundLooks, LookFinder
 from .lights import Light
-from .materials import MONTHS, LightShare, Texture, Transmittance
+from .materials import MONTHS, LightShare, Material, Texture, Transmittance
 from .mesh import MeshInfo, ObjectInfo, Source
 from .open_faces import FoundOpenFaces, OpenFaceFinder
 from .raster import CellWindow, Raster, RasterAxes
-from .scene_bounds import Survey, face_corners, faces_of, frame_origin, moving_faces, objects_of, sampled_faces
-from .terrain import HeightGrid
+from .scene_bounds import Detail, Survey, face_corners, faces_of, frame_origin, moving_faces, objects_of, sampled_faces
+from .terrain import TERRAIN_TYPE, HeightGrid
 from .triangles import Triangles
 from .units import LengthUnit, checked_unit
 
@@ -167,6 +167,11 @@ class LookReader(Protocol):
         """Whether `Appearance.pbr` has parameters."""
         ...
 
+    @property
+    def materials(self) -> list[Material]:
+        """The materials of all faces."""
+        ...
+
     def of(self, faces: NDArray[np.integer]) -> Appearance:
         """The appearance of faces, (m,), in this order. Attributes are None if no face of the scene has them."""
         ...
@@ -242,6 +247,11 @@ class SceneData(ABC):
         """The raster of heights that is the whole scene, solid and where it was read; None for all other scenes."""
         return None
 
+    @property
+    def of_heights(self) -> bool:
+        """Whether all objects are terrain, also in tiles and after an update, which have no `terrain`."""
+        return all(each.type == TERRAIN_TYPE for each in self.objects)
+
     def cell_tops(self, window: CellWindow | None = None) -> tuple[NDArray[np.float64], NDArray[np.integer]] | None:
         """The height and the face at cells of a scene that is one raster of heights, as `TerrainSurfaces.tops`."""
         return None
@@ -253,6 +263,11 @@ class SceneData(ABC):
     @property
     def framed_points(self) -> NDArray[np.float64] | None:
         """`default_picture.framed_points`, as recorded in a store; None: see `sampled_faces`."""
+        return None
+
+    @property
+    def detail(self) -> Detail | None:
+        """Where nearly all triangles are, as recorded in a store; None: not recorded, or see `sampled_faces`."""
         return None
 
     def every(self, step: int, time: float, threads: int | None = None) -> NDArray[np.float32]:
@@ -306,6 +321,11 @@ class SceneData(ABC):
     def cutouts(self) -> Cutouts | None:
         """The faces that let light pass; None: all faces are solid."""
         return None
+
+    @property
+    def lets_light_pass(self) -> bool:
+        """Whether some faces are not solid."""
+        return self.cutouts is not None
 
     def open_faces(self) -> OpenFaceFinder | None:
         """Finds the faces that are not solid, or hidden, as pieces are read; None: there are none."""
@@ -382,7 +402,8 @@ class SceneData(ABC):
         """The checked index of a camera or light from the file."""
         with suppress(InputError):
             return whole_number(index, kind, 0, count - 1)
-        raise InputError(f"{self.name}: there is no {kind} {quoted(index)}; the scene has {count}")
+        known = f"its {kind}s are 0 to {count - 1}" if count else "the scene has none"
+        raise InputError(f"{self.name}: there is no {kind} {quoted(index)}; {known}")
 
     def ground_height(self, time: float | None = None) -> float:
         """The height along the up axis, in world units, of a horizontal ground plane just below the scene.

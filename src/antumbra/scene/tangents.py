@@ -12,6 +12,7 @@ def corner_tangents(
     uv: NDArray[np.floating],
     normals: NDArray[np.floating] | None = None,
     given: NDArray[np.floating] | None = None,
+    sums: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
     """(f, 3, 4) float64: the tangent of each corner, along which u grows, and its handedness; 0 where there is none.
 
@@ -24,17 +25,15 @@ def corner_tangents(
     uv : (f, 3, 2), coordinates of the corners in the normal map
     normals : (v, 3); None: those of the faces
     given : (v, 4), of glTF; rows of zeros are derived
+    sums : (2 v, 3): those of `add_tangents` over all faces, if these are some of them; None: they are all
     """
-    corners = positions[faces].astype(np.float64)
-    of_faces, sign = _face_tangents(corners, uv.astype(np.float64))
-    weighted = of_faces[:, None] * _angles(corners)[..., None]
-    vertices = faces + len(positions) * (sign < 0.0)[:, None]  # mirrored and other faces apart
-    sums = np.zeros((2 * len(positions), 3))
+    of_faces, sign = _face_tangents(positions[faces].astype(np.float64), uv.astype(np.float64))
     if normals is None:  # each face is flat
         tangents = np.repeat(of_faces[:, None], 3, 1)
     else:
-        np.add.at(sums, vertices.reshape(-1), weighted.reshape(-1, 3))
-        tangents = sums[vertices]
+        if sums is None:
+            add_tangents(sums := np.zeros((2 * len(positions), 3)), positions, faces, uv)
+        tangents = sums[_places(faces, sign, len(positions))]
         around = normals[faces].astype(np.float64)
         tangents = tangents - around * dot(tangents, around)[..., None]
     out = np.concatenate([_unit(tangents), np.broadcast_to(sign[:, None, None], (*faces.shape, 1))], -1)
@@ -42,6 +41,21 @@ def corner_tangents(
         of_corners = given[faces].astype(np.float64)
         out = np.where(of_corners[..., :3].any(-1, keepdims=True), of_corners, out)
     return out
+
+
+def add_tangents(
+    sums: NDArray[np.float64], positions: NDArray[np.floating], faces: NDArray[np.integer], uv: NDArray[np.floating]
+) -> None:
+    """Add the tangents of faces, in their order, to the sums of their vertices, (2 v, 3); mirrored faces come last."""
+    corners = positions[faces].astype(np.float64)
+    of_faces, sign = _face_tangents(corners, uv.astype(np.float64))
+    weighted = of_faces[:, None] * _angles(corners)[..., None]
+    np.add.at(sums, _places(faces, sign, len(positions)).reshape(-1), weighted.reshape(-1, 3))
+
+
+def _places(faces: NDArray[np.integer], sign: NDArray[np.float64], n: int) -> NDArray[np.integer]:
+    """(f, 3): the rows of sums for corners: mirrored and other faces apart."""
+    return np.asarray(faces + n * (sign < 0.0)[:, None])
 
 
 def _face_tangents(corners: NDArray[np.float64], uv: NDArray[np.float64]) -> tuple[np.ndarray, np.ndarray]:

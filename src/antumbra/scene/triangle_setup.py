@@ -118,6 +118,20 @@ def gather(piece: Piece, origin: np.ndarray, out: np.ndarray, threads: int) -> i
     return count
 
 
+def face_rows(table: NDArray[np.float32], index: NDArray[np.int32], threads: int | None = None) -> NDArray[np.float32]:
+    """(n, 3) float32: rows of a table, (m + 1, 3), whose first row is for the index -1, and row k + 1 for the index k.
+
+    index : (n,) int32, contiguous
+    """
+    out, triples = np.empty((len(index), 3), np.float32), len(index) // 3
+    if triples > _AT_A_TIME:
+        args = table[1:].ctypes.data, 0, index.ctypes.data, triples, out.ctypes.data
+        run(_gather, thread_count(threads), new_ticket(triples, _AT_A_TIME), *args)
+        out[3 * triples :] = table[index[3 * triples :] + 1]
+        return out
+    return table.take(index + 1, axis=0, out=out, mode="clip")
+
+
 def _recentre_piece(piece: Piece, origin: np.ndarray, out: np.ndarray, threads: int) -> None:
     """Write the vertices of a piece ((k, v, 3)) as float32 in the frame at `origin`."""
     dtype = np.dtype(np.float32 if piece.vertices.dtype == np.float32 else np.float64)

@@ -2,8 +2,9 @@
 
 - `store_format`: the layout of the file, and its metadata
 - `store_checks`: check the structure of what a file says
-- `store_file`: read and write store files
+- `store_file`: open a store, and read its chunks; `store_writer`: write one; `store_directory`: the table of its chunks
 - `store_data`: `StoreData`, the scene of a store
+- `extended_store`: a store with further faces in memory
 - `face_order`: its triangles in the order of faces
 - `store_build`: build a file from scenes of any size
 - `stored_cutouts`, `stored_heights`, `stored_looks`, `stored_materials`: the sections of a file besides its chunks

@@ -118,6 +118,10 @@ class Residency:
         """Bytes allocated: the chunks in memory, and free buffers for further chunks."""
         return self._used + self._pool.bytes
 
+    def tree(self, k: int) -> BlockTree:
+        """The tree of a chunk in memory."""
+        return self._chunks[k].tree
+
     def max_bytes(self, k: int) -> int:
         """Upper bound, in bytes, on the memory of chunk `k`, which may be that of a larger one."""
         return int(self._sizes[k]) * 5 // 4
@@ -268,9 +272,13 @@ class Residency:
 
 
 class RangeMemory:
-    """The chunks of a range of faces, numbered from 0 on, in the memory of all chunks."""
+    """The chunks of a range of faces, numbered from 0 on, in the memory of all chunks.
 
-    def __init__(self, residency: Residency, chunks: slice):
+    residency : Residency, or another memory with its methods `begin_question` and `groups`
+    chunks : slice
+    """
+
+    def __init__(self, residency: Any, chunks: slice):
         self._residency, self._chunks = residency, chunks
 
     def begin_question(self) -> None:

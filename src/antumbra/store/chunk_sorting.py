@@ -25,7 +25,7 @@ from ..bvh.morton_sort import Grid, radix_sort, write_codes
 from ..bvh.triangle_bounds import TRIANGLES_PER_SHARE
 from ..kernels.parallel import new_ticket, run
 from .staging_files import Batches, Buckets, TriangleColumns, empty_columns, palette_of
-from .store_file import EncodedChunk, encode_chunk
+from .store_writer import EncodedChunk, encode_chunk
 
 # --- Sorting by Morton code -------------------------------------------------------------------------------------------
 

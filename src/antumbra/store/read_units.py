@@ -54,7 +54,7 @@ def read_unit(
     folder : the store's, whose disk must have room
     progress : called with the number of triangles of each piece
     """
-    scenes = list[StoreMeta]()
+    scenes, copies = list[StoreMeta](), list[bool]()
     masks, unit_looks, look_bytes = list[TexelMask](), UnitLooks(), 0
     with file.open("wb") as stream:
         staged = StagedPieces(stream, store.name, max_faces)
@@ -80,10 +80,12 @@ def read_unit(
             if begins:
                 heights = None if scenes else _write_heights_of(scene, stream)
                 scenes.append(_described(scene, source)._replace(heights=heights))
+                copies.append(getattr(scene, "instanced", False) or getattr(scene, "has_copies", False))
             del scene, source, looks  # free them before the next one is opened
         materials = unit_looks.write(stream)
     described = json.dumps([meta_to_json(each).decode() for each in scenes]).encode()
-    return staged.record() | {"scenes": np.frombuffer(described, np.uint8)} | masks_to_record(masks) | materials
+    of_scenes = {"scenes": np.frombuffer(described, np.uint8), "copies": np.array(copies, np.bool_)}
+    return staged.record() | of_scenes | masks_to_record(masks) | materials
 
 
 def check_count(store: Path, n_triangles: int) -> None:
@@ -149,6 +151,7 @@ class StagedScenes:
         self.survey, self._files, self._records, self._count = Survey(file), files, records, count
         self._first_masks = [0]  # number of the first mask of each unit
         self.begin: int | None = None  # the unit with the first scene
+        self.has_copies = False  # whether a scene has its triangles from copies of meshes
         scenes, numbers, sizes = list[StoreMeta](), [np.empty((0, 2), np.int64)], [np.empty(0, np.int64)]
         runs, first_object = list[NDArray[np.int64]](), 0
         for k in range(count):
@@ -157,6 +160,7 @@ class StagedScenes:
             begun = json.loads(record["scenes"].tobytes())
             if begun:  # others go on with the scene of the unit before
                 first_object = _object_count(scenes)
+            self.has_copies |= bool(record["copies"].any())
             runs.append(record["runs"] + np.array([0, first_object]))
             scenes += [meta_from_json(each.encode()) for each in begun]
             if scenes and self.begin is None:
@@ -211,7 +215,7 @@ def _objects_of(scenes: Sequence[StoreMeta], runs: NDArray[np.int64], n_triangle
     names, types, parents = ([text for texts in of for text in texts] for of in zip(*(one[:3] for one in each)))
     surfaces = any(one.had_surfaces for one in each)
     plain = names == [" + ".join(scene.name for scene in scenes)] and not (types[0] or parents[0] or surfaces)
-    too_many = max(len(names), len(runs)) > MAX_RUNS or n_triangles > MAX_TRIANGLES
+    too_many = max(len(names), len(runs)) > MAX_RUNS or (len(names) > 1 and n_triangles > MAX_TRIANGLES)
     known = int(runs[:, 0].sum()) == n_triangles and runs[:, 1].max(initial=-1) < len(names)
     if plain or too_many or not known:
         return None

@@ -22,7 +22,7 @@ from ..base.progress import ProgressListener
 from ..scene.default_picture import framed_points
 from ..scene.mesh import Piece
 from ..scene.open_faces import OpenFaces
-from ..scene.scene_bounds import FaceSample
+from ..scene.scene_bounds import Detail, FaceSample, detail_box, flush_to_zero
 from .build_stages import LocalStages, Records, Stages
 from .chunk_sorting import (
     LEVEL_BITS,
@@ -36,11 +36,14 @@ from .chunk_sorting import (
 )
 from .read_units import ReadUnit, StagedScenes, check_count, read_unit
 from .staging_files import MAX_FACES, CutoutColumns, Excluded, Record, RunWriter, SortedRuns, gather_triangles
-from .store_file import Store, StoreWriter, open_store, top_tree
+from .store_checks import check_one_range
+from .store_directory import top_tree
+from .store_file import Store, open_store
 from .store_format import STORE_SUFFIX, TILES_SUFFIX, HeightSection, LookSection, StoreMeta
+from .store_writer import StoreWriter
 from .stored_cutouts import ordered_masks
 from .stored_looks import LookWriter
-from .tiled_store import Tile, check_one_range, manifest_to_json
+from .tiled_store import Tile, manifest_to_json
 
 MIN_MEMORY = 384 << 20
 CHUNK = 65536
@@ -182,9 +185,8 @@ class _Build:
         self.stages.drop("sort")
         self._end_phase("build")
 
-        self._framed = framed_points(
-            np.concatenate([sort(k)["sample"] for k in range(len(ranges))]), self._description["up"]
-        )
+        sample = np.concatenate([sort(k)["sample"] for k in range(len(ranges))])
+        self._framed, self._detail = framed_points(sample, self._description["up"]), self._detail_of(sample)
         with ExitStack() as written:
             stores = list[Store]()
             for t, each in enumerate(self._tiles):
@@ -196,6 +198,13 @@ class _Build:
                 self._write_manifest(stores)
         self.stages.end()
         return report
+
+    def _detail_of(self, sample: np.ndarray) -> Detail | None:
+        """The detail of a sample of faces, (m, 3, 3) world; None for copies, which are shown from outside."""
+        if self._scenes.has_copies:
+            return None
+        origin = self._scenes.survey.origin()
+        return Detail.of(detail_box(sample), flush_to_zero((sample[:, 0] - origin).astype(np.float32)), origin)
 
     def _tiles_of(self, limit: int | None) -> list[_Tile]:
         """The tiles, each of which ends once it has `limit` triangles; None: one store."""
@@ -281,7 +290,7 @@ class _Build:
             table = writer.table
             meta = self._meta(tile.triangles, np.concatenate([left.boxes(), table["box"].reshape(-1, 2, 3)]))
             if is_part:
-                meta = meta._replace(raster=None, objects=None, framed=None)  # they are of the whole
+                meta = meta._replace(raster=None, objects=None, framed=None, detail=None)  # they are of the whole
             elif meta.heights is not None:
                 meta = meta._replace(heights=writer.add_heights(self.stages.file("heights", 0), meta.heights))
             if self._scenes.masks:
@@ -297,8 +306,8 @@ class _Build:
         return StoreMeta(
             n_triangles=n_triangles, bounds=self._scenes.bounds, origin=self._scenes.survey.origin(),
             box=np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)]),
-            built={"chunk": self.chunk, "builder": "bsah", "top": "bsah, reinsert"}, framed=self._framed,
-            **self._description,
+            built={"chunk": self.chunk, "builder": "bsah", "top": "bsah, reinsert"},
+            framed=self._framed, detail=self._detail, **self._description,
         )  # fmt: skip
 
     def _write_manifest(self, stores: list[Store]) -> None:

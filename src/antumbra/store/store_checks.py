@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.checks import quoted
+from ..base.errors import InputError
 from ..bvh.compact_tree import bvh_of, leaf_fault
 from ..bvh.nodes import BACK_TO_FRONT, EMPTY, LINK, ORDER, UNORDERED, Bvh, boxes_of, bvh_leaf
 from ..bvh.tree_quality import tree_fault
@@ -150,6 +151,12 @@ def _frame_fault(meta: StoreMeta, boxes: NDArray[np.float32]) -> str:
             return "its framed points have other than three axes"
         if not ((bounds[0] <= points) & (points <= bounds[1])).all():
             return "its framed points are not inside its bounds"
+    if (detail := meta.detail) is not None:
+        if detail.box.shape != (2, 3) or detail.dense.shape != (3,):
+            return "its detail has other than three axes"
+        wide = bounds + (bounds[1] - bounds[0]) * [[-1.0], [1.0]]  # corners in the frame are rounded
+        if not all(((wide[0] <= point) & (point <= wide[1])).all() for point in (*detail.box, detail.dense)):
+            return "its detail is not near its bounds"
     inside = (box[0] <= boxes[:, :3]).all(1) & (boxes[:, 3:] <= box[1]).all(1)
     return "" if inside.all() else f"chunk {int(np.argmin(inside))} lies outside of the scene's box"
 
@@ -164,6 +171,15 @@ def _raster_fault(meta: StoreMeta, most_cells: int) -> str:
     if good and min(cells) >= 1 and cells[0] * cells[1] <= most_cells and isinstance(raster.crs, (str, type(None))):
         return ""
     return f"its raster is {quoted(raster)}"
+
+
+def check_one_range(name: str, n_triangles: int) -> None:
+    """Raise an InputError if int32 cannot number the faces of a scene with cut-outs."""
+    if n_triangles > MAX_TRIANGLES:
+        raise InputError(
+            f"{name}: {n_triangles} triangles, some of which let light pass; at most {MAX_TRIANGLES} may: build two "
+            "scenes, or make all faces solid (?cutouts=off, no transmittance)"
+        )
 
 
 # --- Chunks -----------------------------------------------------------------------------------------------------------

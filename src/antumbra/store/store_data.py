@@ -15,7 +15,7 @@ from ..base.pickles import without_cached
 from ..scene.alpha_masks import Cutouts
 from ..scene.mesh import MeshInfo, ObjectInfo, Source
 from ..scene.raster import CellWindow
-from ..scene.scene_bounds import check_extent, frame_origin
+from ..scene.scene_bounds import Detail, check_extent, frame_origin
 from ..scene.scene_data import SceneData
 from ..scene.terrain import TERRAIN_TYPE
 from ..scene.triangles import Triangles
@@ -67,8 +67,22 @@ class StoreData(SceneData):
         return self.store.n_triangles
 
     @property
+    def box(self) -> NDArray[np.float32]:
+        """(2, 3) float32: exact bounds of all vertices, recentred."""
+        return self.store.meta.box
+
+    @property
+    def cutout_bytes(self) -> int:
+        """The memory that tracing of the cut-outs takes."""
+        return self.store.cutout_bytes()
+
+    @property
     def framed_points(self) -> NDArray[np.float64] | None:
         return self.store.meta.framed
+
+    @property
+    def detail(self) -> Detail | None:
+        return self.store.meta.detail
 
     def __getstate__(self) -> dict[str, Any]:
         return without_cached(self)
@@ -110,6 +124,15 @@ class StoreData(SceneData):
         found = self.stored_cutouts
         return None if found is None or not len(found.cutouts.faces) else found.cutouts
 
+    @property
+    def has_cutouts(self) -> bool:
+        """Whether some faces are in no chunk, but in `stored_cutouts`."""
+        return self.store.has_cutouts
+
+    @property
+    def lets_light_pass(self) -> bool:
+        return self.has_cutouts
+
     def ignore_alpha(self) -> None:
         """No-op if all faces are solid. InputError for others, since holes are not among the faces of a store."""
         if self.store.has_cutouts:
@@ -139,20 +162,12 @@ class StoreData(SceneData):
 
     def triangles(self, time: float = 0.0, threads: int | None = None) -> Triangles:
         """All triangles; those without an area are points. Raises the error of `check_all`."""
-        from ..kernels.parallel import thread_count
-        from ..scene.triangle_setup import solid_faces, survey
-
         self.clamped(time)  # refuses what is no number
         self.check_all(ALL_BYTES)
-        stored, cutouts = self.stored_cutouts, None
-        vertices, colour = gather_triangles(self.store, stored)
-        faces = np.arange(len(vertices), dtype=np.int32)
-        if stored is not None:
-            is_solid = np.ones(len(faces), np.bool_)
-            is_solid[stored.cutouts.faces], is_solid[stored.clear.faces] = False, False
-            cutouts = stored.cutouts._replace(solid=faces[is_solid])
-        solid = solid_faces(survey(vertices, thread_count(threads))[0], None if cutouts is None else cutouts.solid)
-        return Triangles(vertices, self.origin.copy(), faces, colour, cutouts, solid)
+        stored = self.stored_cutouts
+        clear = None if stored is None else stored.clear.faces
+        cutouts = None if stored is None else stored.cutouts
+        return all_triangles(*gather_triangles(self.store, stored), self.origin, cutouts, clear, threads)
 
     def every(self, step: int, time: float, threads: int | None = None) -> NDArray[np.float32]:
         return every_triangle(self.store, self.stored_cutouts, step)
@@ -196,6 +211,35 @@ class StoreData(SceneData):
         return InputError(
             f"{self.store.path.name}: a store cannot be used for this; use the file that it was built from"
         )
+
+
+def all_triangles(
+    vertices: NDArray[np.float32],
+    colours: NDArray[np.float32],
+    origin: NDArray[np.float64],
+    cutouts: Cutouts | None,
+    clear: NDArray[np.int32] | None,
+    threads: int | None,
+) -> Triangles:
+    """All triangles of a store.
+
+    vertices : (n, 3, 3), recentred
+    colours : (n, 3)
+    cutouts : those of `StoreData.cutouts`, even without faces
+    clear : (k,): the faces that no ray hits; None: none
+    """
+    from ..kernels.parallel import thread_count
+    from ..scene.triangle_setup import solid_faces, survey
+
+    faces = np.arange(len(vertices), dtype=np.int32)
+    if cutouts is not None:
+        is_solid = np.ones(len(faces), np.bool_)
+        is_solid[cutouts.faces] = False
+        if clear is not None:
+            is_solid[clear] = False
+        cutouts = cutouts._replace(solid=faces[is_solid])
+    solid = solid_faces(survey(vertices, thread_count(threads))[0], None if cutouts is None else cutouts.solid)
+    return Triangles(vertices, origin.copy(), faces, colours, cutouts, solid)
 
 
 def load_store(path: Path) -> StoreData:

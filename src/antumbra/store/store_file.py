@@ -1,18 +1,17 @@
-"""Store files: write chunks, directory and header; open a store, and read and check its chunks.
+"""Store files: open a store, and read and check its chunks.
 
-The directory at the end of the file holds the top tree, whose leaves are the chunks. It stays in memory while the store
-is open.
+A chunk is checked when it is first read, and again once the file has changed. The directory, with the tree over the
+chunks, stays in memory while the store is open.
 """
 
 import hashlib
 import os
-import shutil
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from io import FileIO
 from pathlib import Path
 from threading import Lock
-from typing import Any, BinaryIO, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,14 +19,11 @@ from numpy.typing import NDArray
 from ..base.errors import InputError, one_line
 from ..base.files import checked_file
 from ..base.remote_files import RemoteFile, url_of
-from ..bvh import binned_sah
-from ..bvh.compact_tree import CompactTree, bvh_of
-from ..bvh.nodes import CHILDREN, EMPTY, Bvh, aligned_empty, boxes_of, bvh_leaf, bvh_link
-from ..bvh.reinsertion import reinsert
-from ..scene.alpha_masks import TexelMask
+from ..bvh.compact_tree import bvh_of
+from ..bvh.nodes import Bvh, aligned_empty
 from ..scene.triangle_setup import rows_with_area
-from .staging_files import CutoutColumns
 from .store_checks import chunk_fault, counts_fault, directory_fault
+from .store_directory import Directory, decode_directory
 from .store_format import (
     COMPLETE,
     COUNTS,
@@ -37,165 +33,13 @@ from .store_format import (
     OLDEST,
     PAGE,
     STORE_SUFFIX,
-    TABLE,
     VERSION,
     Chunk,
-    Chunks,
-    CutoutSection,
-    HeightSection,
-    LookSection,
-    StoreMeta,
-    TopTree,
-    chunk_places,
     chunk_views,
-    meta_from_json,
-    meta_to_json,
-    pages,
 )
-from .stored_cutouts import CUTOUT_BYTES, StoredCutouts, read_cutouts, write_cutouts
+from .stored_cutouts import CUTOUT_BYTES, StoredCutouts, read_cutouts
 from .stored_heights import StoredHeights
 from .stored_looks import LooksPart, SceneLooks, StoredLooks
-
-# --- The top tree -----------------------------------------------------------------------------------------------------
-
-
-def top_tree(boxes: np.ndarray, threads: int) -> TopTree:
-    """Build the tree over (k, 6) float32 boxes by binned SAH and insertion-based optimisation [Bittner et al. 2013].
-
-    Since builders take triangles, each box is replaced by a zero-area triangle with the same bounds.
-    """
-    lower, upper = boxes[:, :3], boxes[:, 3:]
-    bvh = binned_sah.build(np.stack([lower, upper, lower], axis=1), threads, max_leaf=1)
-    bvh = reinsert(bvh, threads)
-    ends = bvh.links[:, CHILDREN]
-    leaf = (ends < 0) & (ends != EMPTY)
-    ends[leaf] = bvh_link(bvh.prim_ids[bvh_leaf(ends[leaf]).first], 1)
-    return TopTree(bvh.nodes, bvh.links)
-
-
-# --- The directory ----------------------------------------------------------------------------------------------------
-
-
-class Directory(NamedTuple):
-    """The contents of the directory."""
-
-    meta: StoreMeta  # the scene without its triangles
-    chunks: Chunks  # the table of all chunks
-    top: TopTree  # the tree over the chunks
-
-
-def encode_directory(table: np.ndarray, top: TopTree, meta: StoreMeta) -> bytes:
-    """The bytes of a directory, padded with zeros to whole pages; `table` is (k,) TABLE."""
-    meta_json = meta_to_json(meta)
-    data = COUNTS.pack(len(table), len(top.nodes), len(meta_json)) + table.tobytes() + top.nodes.tobytes() + meta_json
-    return data.ljust(pages(len(data)), b"\0")
-
-
-def decode_directory(data: bytes) -> Directory:
-    """The directory from the bytes that `encode_directory` returned."""
-    k, m, length = COUNTS.unpack_from(data)
-    table = np.frombuffer(data, TABLE, k, COUNTS.size)
-    chunks = Chunks(*(np.ascontiguousarray(table[name]) for name in Chunks._fields))
-    at = COUNTS.size + table.nbytes
-    nodes = aligned_empty((m, 16), "f4")
-    nodes[:] = np.frombuffer(data, np.float32, 16 * m, at).reshape(m, 16)
-    at += nodes.nbytes
-    return Directory(meta_from_json(data[at : at + length]), chunks, TopTree(nodes, nodes.view(np.int32)))
-
-
-# --- Writing: the chunks one after the other, then the directory, then the header -------------------------------------
-
-
-class EncodedChunk(NamedTuple):
-    """A chunk as bytes of the file."""
-
-    data: NDArray[np.uint8]  # (bytes,)
-    row: np.ndarray  # () TABLE: the chunk's row of the directory, without its offset
-
-
-def encode_chunk(tree: CompactTree, palette: np.ndarray, index: np.ndarray) -> EncodedChunk:
-    """Encode a chunk: a tree, whose prim_ids are indices in the whole scene, and the colours of its slots.
-
-    `palette` is (p, 3) float32; `index` is (n,) of any integer type.
-    """
-    n, m, p = len(tree.prim_ids), len(tree.nodes), len(palette)
-    data = np.zeros(pages(chunk_places(n, m, p).end), np.uint8)
-    chunk = chunk_views(data, n, m, p)
-    for target, source in zip((*chunk.tree[:1], *chunk.tree[2:], *chunk[1:]), (tree.nodes, *tree[2:], palette, index)):
-        target[...] = source
-    row = np.zeros((), TABLE)
-    row["bytes"], row["triangles"], row["nodes"], row["colours"] = len(data), n, m, p
-    row["crc"], row["root"] = zlib.crc32(data.data), tree.nodes[0]
-    row["box"] = boxes_of(tree.nodes[:1])[0].reshape(6)
-    return EncodedChunk(data, row)
-
-
-_COPIED = 1 << 22  # bytes copied at a time
-
-
-class StoreWriter:
-    """Writes a store to an empty file."""
-
-    def __init__(self, stream: BinaryIO):
-        self._stream, self._end = stream, PAGE
-        self._tables: list[np.ndarray] = []
-        stream.seek(PAGE)  # the header stays zeros until `finish`
-
-    def add(self, path: Path, table: np.ndarray) -> None:
-        """Write the chunks of a file, one after another; `table`: (k,) TABLE, their rows, with offsets in the file."""
-        table = table.copy()
-        table["offset"] += self._end
-        with path.open("rb") as chunks:
-            shutil.copyfileobj(chunks, self._stream, _COPIED)
-        self._tables.append(table)
-        self._end += int(table["bytes"].sum())
-
-    def add_heights(self, path: Path, heights: HeightSection) -> HeightSection:
-        """Write the heights in a file, after all chunks; return their place in the store."""
-        with path.open("rb") as stream:
-            shutil.copyfileobj(stream, self._stream, _COPIED)
-        begin, self._end = self._end, self._end + heights.bytes
-        return heights._replace(offset=begin)
-
-    def add_cutouts(self, parts: Callable[[], Iterable[CutoutColumns]], masks: Sequence[TexelMask]) -> CutoutSection:
-        """Write cut-outs, after the heights; the arguments are those of `write_cutouts`."""
-        section = write_cutouts(self._stream, self._end, parts, masks)
-        self._end += section.bytes
-        return section
-
-    def add_looks(self, path: Path, looks: LookSection) -> LookSection:
-        """Write the looks in a file, after all else; return their place in the store."""
-        with path.open("rb") as stream:
-            shutil.copyfileobj(stream, self._stream, _COPIED)
-        begin, self._end = self._end, self._end + looks.bytes
-        return looks._replace(offset=begin)
-
-    @property
-    def table(self) -> np.ndarray:
-        """(k,) TABLE: the directory rows of the chunks written so far."""
-        return np.concatenate(self._tables)
-
-    def finish(self, top: TopTree, meta: StoreMeta) -> int:
-        """Write the directory, then the header, which marks the store as complete. Return the size of the file."""
-        directory = encode_directory(self.table, top, meta)
-        self._stream.write(directory)
-        self._sync()
-        size = self._end + len(directory)
-        crc = zlib.crc32(directory)
-        header = HEADER.pack(MAGIC, VERSION, COMPLETE, size, self._end, len(directory), crc).ljust(HEADER_CRC, b"\0")
-        self._stream.seek(0)
-        self._stream.write(header + zlib.crc32(header).to_bytes(4, "little"))
-        self._sync()
-        return size
-
-    def _sync(self) -> None:
-        """Flush all data to the disk. Some systems do not report a full disk before."""
-        self._stream.flush()
-        os.fsync(self._stream.fileno())
-
-
-# --- Reading: a chunk is checked when it is first read, and again once the file has changed ---------------------------
-
 
 _REMEDY = "copy the file again, or build it again"
 

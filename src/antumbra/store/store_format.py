@@ -29,6 +29,7 @@ from ..scene.camera import Camera
 from ..scene.light_lists import DirectionalLights, PointLights
 from ..scene.lights import AmbientOcclusion, DirectionalLight, DiskLight, Light, PointLight, QuadLight, SphereLight
 from ..scene.raster import Raster
+from ..scene.scene_bounds import Detail
 from ..scene.terrain import GridPoints
 from ..scene.units import LengthUnit
 
@@ -254,12 +255,15 @@ class StoreMeta(NamedTuple):
     cutouts: CutoutSection | None = None  # None: all faces are solid
     looks: LookSection | None = None  # None: all faces have plain colours
     framed: NDArray[np.float64] | None = None  # (k, 3), world: `default_picture.framed_points`; None: see the bounds
+    detail: Detail | None = (
+        None  # None: views from outside show it, as copies of meshes, or an earlier version built it
+    )
 
 
 def meta_to_json(meta: StoreMeta) -> bytes:
     """The metadata as JSON."""
     record = meta._asdict()
-    for name in ("crs", "raster", "unit", "heights", "objects", "cutouts", "looks", "framed"):
+    for name in ("crs", "raster", "unit", "heights", "objects", "cutouts", "looks", "framed", "detail"):
         if record[name] is None:
             del record[name]
     record["bounds"], record["origin"], record["box"] = (_plain(a) for a in (meta.bounds, meta.origin, meta.box))
@@ -269,6 +273,8 @@ def meta_to_json(meta: StoreMeta) -> bytes:
         record["looks"] = meta.looks._asdict()
     if meta.framed is not None:
         record["framed"] = meta.framed.tolist()
+    if meta.detail is not None:
+        record["detail"] = {name: each.tolist() for name, each in meta.detail._asdict().items()}
     record["cameras"] = [{name: _plain(getattr(c, name)) for name in _CAMERA} for c in meta.cameras]
     record["lights"] = [_light_fields(light) for light in meta.lights]
     return json.dumps(record).encode()
@@ -298,6 +304,8 @@ def meta_from_json(data: bytes) -> StoreMeta:
         record["looks"] = LookSection(**record["looks"])
     if "framed" in record:
         record["framed"] = np.array(record["framed"], np.float64)
+    if "detail" in record:
+        record["detail"] = Detail(**{name: np.array(each, np.float64) for name, each in record["detail"].items()})
     return StoreMeta(**record)
 
 

@@ -307,6 +307,10 @@ def _rows(arrays: dict[str, np.ndarray], rows: NDArray[np.int64]) -> FaceLooks:
     return FaceLooks(kind, **corners, **of_faces)
 
 
+_SPLIT = "normals", "tangents"  # are copied to arrays of their own
+_ROW_BYTES = 48  # the kind of a face, its block and its place there
+
+
 class LooksPart(NamedTuple):
     """The looks of consecutive faces of a scene: those of a store, or of a tile."""
 
@@ -333,6 +337,10 @@ class SceneLooks:
         owners = {key: looks for looks in there for key in looks.section.images}
         self._textures = StoredTextures(lambda key: owners[key].image(key))
         self._is_textured = any(looks.section.is_textured for looks in there)
+
+    def with_part(self, part: LooksPart) -> "SceneLooks":
+        """These looks, and those of the faces that follow."""
+        return SceneLooks([*self._parts, part])
 
     @property
     def materials(self) -> list[Material]:
@@ -367,7 +375,8 @@ class SceneLooks:
         return _appearance(self.materials, kind, found)
 
     def row_bytes(self) -> int:
-        return 16 + sum(4 * LOOK_WIDTHS[name].n for name in self._attributes)
+        copied = {name: 2 if name in _SPLIT else 1 for name in self._attributes}
+        return _ROW_BYTES + sum(4 * LOOK_WIDTHS[name].n * n for name, n in copied.items())
 
     def decoding_bytes(self, textures: Iterable[Texture], threads: int) -> int:
         return decoding_cost(textures, threads).total

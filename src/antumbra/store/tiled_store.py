@@ -34,9 +34,10 @@ from ..base.errors import InputError
 from ..base.files import sibling
 from ..base.remote_files import url_of
 from ..scene.alpha_masks import Cutouts, join_cutouts
-from .store_checks import MAX_TRIANGLES, meta_fault
+from .store_checks import MAX_TRIANGLES, check_one_range, meta_fault
 from .store_data import StoreData
-from .store_file import Bytes, Directory, FaceRange, Store, open_bytes, open_store, top_tree
+from .store_directory import Directory, top_tree
+from .store_file import Bytes, FaceRange, Store, open_bytes, open_store
 from .store_format import Chunk, Chunks, StoreMeta, meta_from_json, meta_to_json
 from .stored_cutouts import ClearFaces, StoredCutouts
 from .stored_looks import LooksPart, SceneLooks
@@ -209,15 +210,6 @@ class TiledStore(Store):
         """The tile of chunk k, and the number of the chunk there."""
         tile = int(np.searchsorted(self._starts, k, "right")) - 1
         return tile, k - int(self._starts[tile])
-
-
-def check_one_range(name: str, n_triangles: int) -> None:
-    """Raise an InputError if int32 cannot number the faces of a scene with cut-outs."""
-    if n_triangles > MAX_TRIANGLES:
-        raise InputError(
-            f"{name}: {n_triangles} triangles, some of which let light pass; at most {MAX_TRIANGLES} may: build two "
-            "scenes, or make all faces solid (?cutouts=off, no transmittance)"
-        )
 
 
 def _ranges(tiles: Sequence[Tile], starts: list[int]) -> Iterator[FaceRange]:

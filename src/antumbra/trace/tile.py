@@ -220,6 +220,12 @@ def _bytes_at(p, at):
 
 
 @inlined
+def sides_in_rows(p, first, w):
+    """The sides of the 4 x 4 pixels from pixel `first` on, in rows of w, i32x16."""
+    return _sides_at(p, (first, first + w, first + 2 * w, first + 3 * w))
+
+
+@inlined
 def _sides_at(p, at):
     """The sides of 16 receivers in `_quarters`, i32x16."""
     a, b, c, d = at

@@ -13,7 +13,7 @@ from .gizmos import Face, Probe, Sight
 from .progressive_pictures import TracedPicture
 from .viewer_model import BOX_TESTS, LIGHT_SHARE, SHADED, sun_angles
 
-_HINT = "Click a surface to see which lights reach it and what blocks the others."
+_HINT = "Click a surface to see which lights reach it, and what blocks the others."
 _STYLE = "margin: 0 1em; font-size: 0.8em; text-align: left"
 _NOWRAP = "white-space: nowrap"
 _STOPS = 6.0  # range of the exposure slider, in both directions
@@ -35,7 +35,7 @@ class Controls:
     def __init__(self, page: Any):
         self._page, self._model, self._gui = page, page.model, page.server.gui
         self.sliders: dict[str, Any] = {}
-        self._status = self._gui.add_markdown("preparing the first picture")
+        self._status = self._gui.add_markdown("Preparing the first picture ...")
         self._legend: Any = None
         self._add_point()
         self._add_picture()
@@ -82,13 +82,13 @@ class Controls:
         model, gui = self._model, self._gui
         kinds = [SHADED, *(LIGHT_SHARE + lamp.name for lamp in model.editable_lights), BOX_TESTS]
         with gui.add_folder("Picture"):
-            show = gui.add_dropdown("show", kinds, initial_value=model.display.show)
-            plan = gui.add_text("plan", model.display.plan, hint="plan whose box tests are shown")
+            show = gui.add_dropdown("Show", kinds, initial_value=model.display.show)
+            plan = gui.add_text("Plan", model.display.plan, hint="The plan whose box tests are shown")
             stops = gui.add_slider(
-                "exposure", -_STOPS, _STOPS, 0.1, 0.0, hint="in stops, relative to the automatic exposure"
+                "Exposure", -_STOPS, _STOPS, 0.1, 0.0, hint="In stops, relative to the automatic exposure"
             )
-            reset = gui.add_button("reset exposure")
-            home, save = gui.add_button("reset view"), gui.add_button("save picture")
+            reset = gui.add_button("Reset exposure")
+            home, save = gui.add_button("Reset view"), gui.add_button("Save picture")
         self._bind(show, lambda value: self._set_display(show=value))
         self._bind(plan, lambda value: self._set_display(plan=value))
         self._bind(stops, lambda value: self._set_display(stops=value))
@@ -113,7 +113,7 @@ class Controls:
         model = self._model
         with self._gui.add_folder("Time"):
             length = model.scene.duration
-            slider = self._gui.add_slider("seconds", 0.0, length, length / 1000.0, model.time)
+            slider = self._gui.add_slider("Seconds", 0.0, length, length / 1000.0, model.time)
         self._bind(slider, model.go_to)
 
     def _add_sun(self) -> None:
@@ -124,9 +124,10 @@ class Controls:
             if model.place is not None:
                 self._add_day()
                 bearing, elevation = sun_angles(model.sun.light, model.scene.up)
-            hint = "degrees clockwise from the scene's north: +Y if +Z is up, else -Z"
-            sliders["bearing"] = gui.add_slider("bearing", 0.0, 360.0, 0.5, round(bearing, 1), hint=hint)
-            sliders["elevation"] = gui.add_slider("elevation", -90.0, 90.0, 0.5, round(elevation, 1), hint="degrees")
+            hint = "Degrees clockwise from the scene's north, which is +Y if +Z is up, and -Z otherwise"
+            above = "Degrees above the horizon"
+            sliders["bearing"] = gui.add_slider("Bearing", 0.0, 360.0, 0.5, round(bearing, 1), hint=hint)
+            sliders["elevation"] = gui.add_slider("Elevation", -90.0, 90.0, 0.5, round(elevation, 1), hint=above)
         aim = lambda _: model.aim_sun(sliders["bearing"].value, sliders["elevation"].value)
         self._bind(sliders["bearing"], aim)
         self._bind(sliders["elevation"], aim)
@@ -136,9 +137,9 @@ class Controls:
         model, gui = self._model, self._gui
         today = date.today().isoformat()
         hours = model.daylight(today, _PLAYED_STEP) or [12.0]
-        day = gui.add_text("day", today)
-        hour = gui.add_slider("hour", 0.0, 24.0, 0.05, hours[len(hours) * 3 // 4])  # shadows are long, and move on
-        play = gui.add_button("play the day")
+        day = gui.add_text("Day", today, hint="Such as 2026-06-21")
+        hour = gui.add_slider("Hour", 0.0, 24.0, 0.05, hours[len(hours) * 3 // 4])  # shadows are long, and move on
+        play = gui.add_button("Play the day")
         if model.follows_sun:
             model.aim_sun_at(day.value, hour.value)
         for each in day, hour:
@@ -160,7 +161,7 @@ class Controls:
     def _add_lights(self) -> None:
         model = self._model
         with self._gui.add_folder("Lights"):
-            handles = self._gui.add_checkbox("handles", True)
+            handles = self._gui.add_checkbox("Show handles", True)
             boxes = {lamp.name: self._gui.add_checkbox(lamp.name, lamp.on) for lamp in model.editable_lights}
         for name, box in boxes.items():
             self._bind(box, partial(model.switch, name))
@@ -194,9 +195,9 @@ def describe_point(point: Probe | None) -> str:
         f"<td>{_blocked(sight)}</td></tr>"
         for sight in point.sights
     )
-    head = "<tr><th>light</th><th>seen</th><th>its centre</th></tr>"
+    head = "<tr><th>Light</th><th>Visible</th><th>Centre</th></tr>"
     table = f"<table style='border-spacing: 0.5em 0.1em; margin-left: -0.5em'>{head}{rows}</table>"
-    return f"<div style='{_STYLE}'>{_sentence(point)}<br>{_face(point.face)}<br>at {place}{table}</div>"
+    return f"<div style='{_STYLE}'>{_sentence(point)}<br>{_face(point.face)}, at {place}{table}</div>"
 
 
 ANSWERS = {
@@ -218,7 +219,7 @@ def _sentence(point: Probe) -> str:
     if sun.share == 1.0:
         now = ANSWERS["inSun"]
     elif sun.share > 0.0:
-        now = f"At the edge of a shadow: sees {100.0 * sun.share:.0f} % of the sun."
+        now = f"In penumbra: sees {100.0 * sun.share:.0f} % of the sun."
     elif sun.blocker == point.face:
         now = ANSWERS["behind"]
     else:
@@ -228,8 +229,8 @@ def _sentence(point: Probe) -> str:
 
 def _blocked(sight: Sight) -> str:
     if sight.end is None:
-        return "has none"
-    return "seen" if sight.blocker is None else f"behind {_face(sight.blocker)}"
+        return "none"
+    return "visible" if sight.blocker is None else f"behind {_face(sight.blocker)}"
 
 
 def _face(face: Face) -> str:

@@ -205,7 +205,7 @@ def _quoted_list(values: list[str]) -> str:
 def _titled(response: Any) -> Any:
     """A response of viser, whose page gets our title."""
     if response is not None and response.headers.get("Content-Type", "").startswith("text/html"):
-        compressed = response.headers["Content-Encoding"] == "gzip"
+        compressed = response.headers.get("Content-Encoding") == "gzip"
         response.body = _page(response.body, compressed)
         del response.headers["Content-Length"]  # headers may repeat, so an assignment would add another one
         response.headers["Content-Length"] = str(len(response.body))

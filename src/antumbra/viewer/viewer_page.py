@@ -170,8 +170,9 @@ class Page:
         if self._mesh is None or self._mesh[1] != time or self._mesh[2] is not moved:
             self._mesh = proxy_mesh(scene.triangles(time, model.threads)), time, moved
         pieces = self._mesh[0]
-        terrain, middles = scene.data.terrain is not None, pieces.corners.mean(1)
-        base = height_tints(scene.data, middles) if terrain else scene.colours[pieces.faces]
+        base = height_tints(scene.data, pieces.corners.mean(1))
+        if base is None:
+            base = scene.colours[pieces.faces]
         colours = proxy_colours(proxy_light(model, pieces, check), pieces.normals, base, model)
         self._proxy = glb_of(model.page_frame.to_page(pieces.corners + scene.origin), colours)
         for client_view in list(self._views.values()):

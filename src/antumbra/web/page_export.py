@@ -117,7 +117,6 @@ def _whole(before: Scene, after: AnyScene) -> Scene:
 
 def check_scene(scene: AnyScene) -> None:
     """Raise an InputError if a page cannot show the scene exactly."""
-    scene.data.check_resident()
     if scene.n_triangles > MOST_TRIANGLES:
         raise InputError(
             f"{scene.name} has {counted(scene.n_triangles, 'triangle')}, and a page holds {MOST_TRIANGLES:,}; "
@@ -125,7 +124,7 @@ def check_scene(scene: AnyScene) -> None:
         )
     if scene.n_triangles == 0:
         raise InputError(f"{scene.name} has no triangles; a page needs a scene with surfaces")
-    if scene.cutouts is not None:
+    if scene.data.lets_light_pass:
         raise InputError(
             f"{scene.name} has holes or lets light pass by alpha or transmittance, which pages do not show; "
             "load it with ?cutouts=off and without transmittance, so that these faces block all light"
@@ -160,8 +159,8 @@ def write_page(
     Raises
     ------
     InputError
-        If the scene is in a store, has more than 2 million triangles, or lets light pass; if an option is invalid; if
-        the linker is missing; or if the file cannot be written. An existing file then stays.
+        If the scene has more than 2 million triangles, or lets light pass; if an option is invalid; if the linker is
+        missing; or if the file cannot be written. An existing file then stays.
     """
     html, report = page_html(scene, options, camera, time, layer, before)
     with atomic_output(path) as temporary:
@@ -186,8 +185,9 @@ def page_html(
         scenes = {"Before": before, "": scene}
     whole = scene if before is None else _whole(before, scene)
     triangles = whole.triangles(time)
-    if whole.data.terrain is not None:
-        triangles = triangles._replace(colour=height_tints(whole.data, triangles.vertices.mean(1)))
+    tints = height_tints(whole.data, triangles.vertices.mean(1))
+    if tints is not None:
+        triangles = triangles._replace(colour=tints)
     columns = Columns()
     _add_geometry(columns, triangles, whole.data.object_of_face[triangles.face_id])
     look = add_look(columns, scene, triangles, time, options.place)

@@ -131,8 +131,10 @@ def add_look(columns: Columns, scene: AnyScene, triangles: Triangles, time: floa
         "sharpest": SHARPEST,
     }
     notes: list[str] = []
-    if scene.appearance is not None:
-        record["textures"], notes = _add_appearance(columns, scene.appearance, triangles)
+    looks = scene.data.stored_looks
+    appearance = scene.appearance if looks is None else looks.of(np.arange(scene.n_triangles))
+    if appearance is not None:
+        record["textures"], notes = _add_appearance(columns, appearance, triangles)
     return LookReport(record, notes)
 
 

@@ -84,7 +84,7 @@ class Executor(Protocol):
         """Called after the work's results have been written."""
 
 
-class Tally:
+class UnitCount:
     """What an executor counts: the units of its work, and those that it has not found done already."""
 
     units = did = 0
@@ -96,7 +96,7 @@ class Tally:
 
 def traced_share(executor: Executor | None) -> float:
     """The share of the units of some work that were done now: 1 without an executor that counts them."""
-    return executor.did / executor.units if isinstance(executor, Tally) and executor.units else 1.0
+    return executor.did / executor.units if isinstance(executor, UnitCount) and executor.units else 1.0
 
 
 class StagedExecutor(Executor, Protocol):
@@ -126,7 +126,7 @@ def checked_keep(keep: Keep) -> Path | Executor | None:
     return path_of(keep, "keep")
 
 
-class LocalExecutor(Tally):
+class LocalExecutor(UnitCount):
     """Runs all units that are not done yet."""
 
     def __init__(self, folder: Path | None = None):
@@ -209,7 +209,7 @@ def checked_shard(shard: tuple[int, int]) -> ShardIndex:
     raise InputError(f"shard is {quoted(shard)}; it must be (i, n) with 0 <= i < n, such as (0, 4)")
 
 
-class ShardExecutor(Tally):
+class ShardExecutor(UnitCount):
     """Runs one shard of some work.
 
     folder : stores the shard's units

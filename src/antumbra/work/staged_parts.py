@@ -6,7 +6,7 @@ import secrets
 import shutil
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 
@@ -19,6 +19,19 @@ from .work_parts import ABOUT, Arrays, Parts
 
 _TOKEN = "shared.txt"
 _SIZE = "size"  # array in a record: bytes of the file
+
+
+class _StoredRecord(Record):
+    """The record of a unit, from a file that this or another version has written."""
+
+    def __init__(self, record: Record, folder: Path):
+        super().__init__(record)
+        self._folder = folder
+
+    def __missing__(self, name: str) -> NoReturn:
+        raise InputError(
+            f"{self._folder}: is of a build by another version of antumbra (no {name}); delete it, and build again"
+        )
 
 
 class SharedFolder(NamedTuple):
@@ -138,7 +151,7 @@ class _StageParts(Parts):
         """The record of unit k, which must be done."""
         if (record := self._load(k, self._target)) is None:
             raise InputError(f"{self._target}: part {k} is missing or damaged; run the command again")
-        return record
+        return _StoredRecord(record, self._target)
 
     def _run(self, first: int, last: int) -> Arrays:
         path = self.file(first, self._target)

@@ -32,7 +32,7 @@ from ..scene.lights import Light
 from ..store.system_resources import peak_resident_memory, resident_memory
 from ..version import VERSION
 from .estimates import Estimate
-from .executors import Executor, Tally, Units, numbered, read_shard_record
+from .executors import Executor, UnitCount, Units, numbered, read_shard_record
 
 # --- Resumable parts --------------------------------------------------------------------------------------------------
 
@@ -236,7 +236,7 @@ class FinishedUnit(NamedTuple):
     root: Path
 
 
-class ShardMerge(Tally):
+class ShardMerge(UnitCount):
     """An executor that runs no unit: it collects finished ones from folders of shards.
 
     folder : receives the units, from which the work writes its results

@@ -121,5 +121,7 @@ def test_lazy_tiles_are_joined_in_a_store(tmp_path):
 
 
 def test_a_dataset_is_refused_as_a_scene_with_what_is_one():
-    with pytest.raises(at.InputError, match="scene is a Dataset; give the path of a file, a scene, a DataArray, or"):
+    with pytest.raises(
+        at.InputError, match="scene is of type Dataset; give the path of a file, a scene, a DataArray, or"
+    ):
         at.load(array().to_dataset())

@@ -36,6 +36,15 @@ def test_a_raster_at_a_url_is_that_of_the_file(server, reader):
     assert server.paths() == {"/a.tif"} and server.sent > 0
 
 
+def test_a_raster_that_changes_at_its_url_is_read_anew(server):
+    """GDAL would keep what it has read, and that a file is missing, until the process ends."""
+    with pytest.raises(at.InputError, match="404"):
+        at.load(f"{server.url}/a.tif")
+    for heights in (HEIGHTS, HEIGHTS + 9.0, hills(20, 30)):
+        path = write_raster(server.folder / "a.tif", heights)
+        same(at.load(f"{server.url}/a.tif"), at.load(path))
+
+
 def test_object_storage_is_read_with_the_settings_of_the_environment(server, monkeypatch):
     (server.folder / "bucket" / "d").mkdir(parents=True)
     path = write_raster(server.folder / "bucket" / "d" / "a.tif", HEIGHTS)

@@ -175,6 +175,31 @@ def test_the_up_axis_changes_nothing(tmp_path):
     np.testing.assert_array_equal(one.sensors.cells, other.sensors.cells)
 
 
+@pytest.mark.parametrize("turns", [0, 1, 3])
+@pytest.mark.parametrize("unit, feet", [("m", 1.0), ("ft", 1 / 0.3048)])
+def test_gardens_on_stores_in_feet_and_turned_by_quarters(tmp_path, unit, feet, turns):
+    """A garden of 16 x 16 m around a house of 8 x 8 m: 256 cells of 1 m, without the 64 of the house."""
+    turn = np.linalg.matrix_power(np.array([[0, -1], [1, 0]]), turns)  # counter-clockwise, from above
+    faces = town(tmp_path, None).triangles().vertices.astype(np.float64) - [4, 4, 0]  # about the house's middle
+    faces += town(tmp_path, None).origin - CORNER
+    faces[..., :2] = faces[..., :2] @ turn.T
+    scene = at.Scene.from_arrays(faces * feet, up="z", unit=unit)
+    at.build_store(scene, tmp_path / "a.antumbra", chunk=16)
+    corners = np.array([(-8, -8), (8, -8), (8, 8), (-8, 8)]) @ turn.T * feet
+    place = at.Place(52.0, 4.37, timezone="Europe/Amsterdam", north=-90.0 * turns)
+    options = {"rule": "br209-amenity", "areas": [corners.tolist()], "place": place}
+    one, other = (at.sun_hours(each, f"raster:{feet}", **options) for each in (scene, at.load(tmp_path / "a.antumbra")))
+    assert one.about["areas"] == other.about["areas"]
+    np.testing.assert_array_equal(one["sun_hours"], other["sun_hours"])
+    np.testing.assert_array_equal(one.sensors.cells, other.sensors.cells)
+    (area,) = other.about["areas"]
+    assert (area["cells"], area["left_out"]) == (192, 64)
+    areas = placed([(-4, -4), (12, -4), (12, 12), (-4, 12)])
+    whole = at.sun_hours(town(tmp_path), "raster:1", rule="br209-amenity", areas=areas, place=HERE).about["areas"][0]
+    assert area["share"] == pytest.approx(whole["share"], abs=2 / 192)  # the sun is turned, too
+    assert 0.0 < area["share"] < 1.0
+
+
 def test_half_of_an_area_is_enough(tmp_path):
     scene = town(tmp_path)
     cells = at.area_sensors(scene, placed([(-4, 8), (12, 8), (12, 14), (-4, 14)]), 0.5)

@@ -204,8 +204,8 @@ def test_cells_become_a_geotiff(dutch, tmp_path):
 
 def test_bad_input(dutch, tmp_path, monkeypatch):
     for words, keywords in {
-        "a moment or days": {},
-        "not both": {"at": NOON, "days": "2026-06-21"},
+        "needs either a moment": {},
+        "either a moment .* or days": {"at": NOON, "days": "2026-06-21"},
         "degrees below the horizon; choose": {"at": "2026-06-21T01:00"},
         "^at is 'noon'; write 2026-06-21T15:00": {"at": "noon"},
         "^at is 5": {"at": 5},

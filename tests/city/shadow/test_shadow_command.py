@@ -47,8 +47,8 @@ def test_a_city_knows_its_place_and_its_buildings(cli, tmp_path):
 @pytest.mark.parametrize(
     "arguments, words",
     [
-        (HERE, ("a moment or days",)),
-        ((*HERE, *MOMENT, "--days", "2026-06-21"), ("not both",)),
+        (HERE, ("give either --at TIME", "--days DAYS")),
+        ((*HERE, *MOMENT, "--days", "2026-06-21"), ("give either --at TIME",)),
         (MOMENT, ("the place is unknown",)),
         ((*HERE, "--at", "2026-06-21T01:00"), ("degrees below the horizon",)),
         ((*HERE, "--at", "today"), ("--at", "2026-06-21T15:00")),

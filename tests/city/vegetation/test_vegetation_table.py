@@ -135,12 +135,13 @@ def test_degrees_mixed_shapes_and_other_objects_are_refused():
         read_vegetation(3, VegetationOptions())
 
 
-def test_trees_need_a_surface_and_a_scene_in_memory(tmp_path):
+def test_trees_need_a_surface(tmp_path):
     ground = at.Scene.from_arrays([[[0.0, 0, 0], [9, 0, 0], [0, 9, 0]]], up="z", name="plot")
     with pytest.raises(at.InputError, match=r"tree 'tree 0' \(and 1 more\) has no surface of plot under it; give base"):
         at.from_trees(frame(crs=None), scene=ground)
     assert at.from_trees(frame(crs=None), scene=ground, base=0.0).n_triangles == 1 + 2 * 68
     store = tmp_path / "plot.antumbra"
     at.build_store(ground, store)
-    with pytest.raises(at.InputError, match="a store cannot be used for this; use the file that it was built from"):
+    with pytest.raises(at.InputError, match=r"tree 'tree 0' \(and 1 more\) has no surface of plot under it; give base"):
         at.from_trees(frame(crs=None), scene=store)
+    assert at.from_trees(frame(crs=None), scene=store, base=0.0).n_triangles == 1 + 2 * 68

@@ -153,7 +153,7 @@ def test_names_are_told(tmp_path):
     made = single(TETRAHEDRON, np.array([[0, 1, 9]], np.uint16), name="Door")
     made.json["meshes"][0]["name"] = "Handle"
     message = message_of(made.write(tmp_path))
-    assert 'meshes[0] "Handle".primitives[0]: face 0 uses vertex 0, 1, 9, but there are 4 vertices' in message
+    assert 'meshes[0] "Handle".primitives[0]: face 0 uses the vertices 0, 1, 9, and the mesh has 4 vertices' in message
     made.json["nodes"][0]["scale"] = [0, 0, 0]
     made.json["meshes"][0]["primitives"][0].pop("indices")
     made.json["accessors"][0]["count"] = 3
@@ -433,7 +433,7 @@ CONTAINERS = {
     "first chunk no JSON": (GOOD[:16] + b"BIN\0" + GOOD[20:], "first GLB chunk is not JSON"),
     "JSON cut": (b'{"asset": {"version"', "JSON cannot be read"),
     "JSON list": (b"[]", "is a list of 0; it must be a JSON object"),
-    "no text": (bytes(range(256)), "JSON cannot be read"),
+    "no text": (bytes(range(256)), "is not a glTF file"),
     "NaN": (b'{"asset": NaN}', "NaN is not JSON"),
     "deep": (b'{"a":' * 100_000, "nested too deeply"),
     "huge number": (b'{"scene": ' + b"9" * 5000 + b"}", "JSON cannot be read"),

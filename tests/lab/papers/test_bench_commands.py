@@ -244,6 +244,8 @@ def test_what_is_wrong_is_said_before_anything_is_measured(cli, tmp_path):
     cli("bench", "chc-rt", "--scene", "none.glb").refused("none.glb", "atrium")
     cli("bench", "chc-rt", "--triangles", "10").refused("10", "1000")
     cli("bench", "chc-rt", "--max-memory", "1G").refused("--max-memory", "--store")
+    cli("bench", "chc-rt", "--in-core", "47").refused("--in-core", "--store")
+    cli("bench", "chc-rt", "--store", "a.antumbra", "--max-memory", "1G", "--in-core", "47").refused("--in-core")
     cli("bench", "chc-rt", "--store", "a.antumbra", "--scene", "city").refused("--store", "--scene")
     cli("bench", "chc-rt", "--scene", SMALL[0], "--table", "store").refused("--table store", "--store")
     cli("bench", "chc-rt", "--store", "a.antumbra", "--stored", "1M").refused("--store", "--stored")

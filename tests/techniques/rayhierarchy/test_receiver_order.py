@@ -8,10 +8,11 @@ from hypothesis import given
 from antumbra.kernels.jit import kernel
 from antumbra.kernels.simd import load16, store
 from antumbra.kernels.vec3 import rows
-from antumbra.query.receivers import FREE, NOTHING
+from antumbra.query.receivers import NOTHING
 from antumbra.query.shadow_query import segments
-from antumbra.techniques.rayhierarchy.leaf_packing import rays_by_blocks, rays_of, unfinished_rays
+from antumbra.techniques.rayhierarchy.leaf_packing import rays_of, unfinished_rays
 from antumbra.techniques.rayhierarchy.light_beams import PERSPECTIVE, beams_of
+from antumbra.techniques.rayhierarchy.pixel_blocks import rays_by_blocks
 from antumbra.techniques.rayhierarchy.ray_leaves import finished_share, write_bits
 from antumbra.techniques.rayhierarchy.receiver_order import BITS, cells_of, hilbert, keys_of, on_cube, order_of
 from antumbra.trace.counters import as_dict, new_counters
@@ -69,6 +70,9 @@ def _orders(query, beam, bits, threads):
     if query.sides.shape[0] > 1:
         rays = rays_by_blocks(query, beam, bits, threads)
         yield "by blocks", rays, np.sort(receivers_in(rays)[receivers_in(rays) >= 0])
+    if query.sides.shape[0] > 1 and beam.kind == PERSPECTIVE and beam.radius == 0.0 and beam.n_samples == 1:
+        rays = rays_by_blocks(query, beam, bits, threads, projected=True)
+        yield "projected", rays, np.sort(receivers_in(rays)[receivers_in(rays) >= 0])
 
 
 def _asking(query, beam):
@@ -109,9 +113,12 @@ def _check(query, apart=False, threads=2):
     shape=st.sampled_from([(13, 18), (1, 50), (70, 9), (2, 3)]),
     offset=st.sampled_from([0.0, 0.0, 10.0, 300.0, 5000.0]),
     apart=st.booleans(),
+    spp=st.sampled_from([1, 3]),
 )
-def test_each_receiver_that_asks_is_there_once_and_bits_are_those_of_the_horizon(seed, light, shape, offset, apart):
-    _check(on_surfaces(seed, light, shape, offset=offset, spp=3)[1], apart and light != "interleaved list")
+def test_each_receiver_that_asks_is_there_once_and_bits_are_those_of_the_horizon(
+    seed, light, shape, offset, apart, spp
+):
+    _check(on_surfaces(seed, light, shape, offset=offset, spp=spp)[1], apart and light != "interleaved list")
 
 
 @pytest.mark.parametrize("light", LIGHTS)
@@ -161,45 +168,6 @@ def test_on_the_screen_sixteen_places_are_a_block_of_pixels():
         assert np.ptp(y // 4) == 0 == np.ptp(x // 4)
         z_order = (x % 2) + 2 * (y % 2) + 4 * (x // 2 % 2) + 8 * (y // 2 % 2)
         assert (np.diff(z_order) > 0).all()
-
-
-@pytest.mark.parametrize("light", ["point", "quad", "sun", "ambient"])
-def test_blocks_make_leaves_of_pixels_beside_each_other_on_one_face(light):
-    _, query = on_surfaces(7, light, (41, 38), spp=1)
-    (beam,) = beams_of(query)
-    rays = rays_by_blocks(query, beam, np.zeros((41, 38, 1), np.uint64), 2)
-    assert rays.placed
-    several = 0
-    for part, face in enumerate(rays.faces):
-        leaves = receivers_in(rays)[rays.starts[part] : rays.starts[part + 1]]
-        assert (leaves >= 0).any(1).all()
-        for leaf in leaves:
-            ids = leaf[leaf >= 0]
-            y, x = np.divmod(ids, 38)
-            assert np.ptp(y // 4) == 0 == np.ptp(x // 4)
-            several += len(ids) > 1
-            if beam.kind == PERSPECTIVE:
-                d = query.origins.reshape(-1, 3)[ids].astype(np.float64) - beam.apex
-                assert (np.abs(d).argmax(1) == face // 2).all()
-    assert several > 50
-
-
-def test_wide_gaps_part_the_pixels_of_a_block():
-    """Two walls, one behind the other: a block on their edge has a leaf for each wall."""
-    _, query = on_surfaces(7, "point", (4, 4), spp=1)
-    (beam,) = beams_of(query)
-    x, y = np.meshgrid(np.arange(4), np.arange(4))
-    near = np.stack([0.5 + x / 100, y / 100, np.full((4, 4), 2.0)], -1)
-    for far, expected in ((0.0, [16]), (0.1, [8, 8]), (-1.3, [8, 8]), (0.005, [16])):
-        points = near + np.where(x < 2, 0, far)[..., None] * [1, 0, 0]
-        here = query._replace(
-            origins=(points + beam.apex).astype(np.float32),
-            faces=np.full((4, 4), -1, np.int32),
-            sides=np.full((4, 4), FREE, np.int8),
-        )
-        rays = rays_by_blocks(here, beam, np.zeros((4, 4, 1), np.uint64), 1)
-        assert sorted(np.bitwise_count(rays.lanes)) == expected and set(rays.blocks) == {0}
-        assert np.bitwise_or.reduce(rays.lanes) == 0xFFFF
 
 
 @pytest.mark.parametrize("how", ["sorted", "on the screen", "by blocks"])

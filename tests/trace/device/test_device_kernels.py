@@ -15,9 +15,10 @@ from antumbra.trace.device.device_launches import DeviceLaunches
 from antumbra.trace.device.instance_kernels import INSTANCE_KERNELS
 from antumbra.trace.device.pixel_kernels import PIXEL_KERNELS
 from antumbra.trace.device.ploc_kernels import PLOC_KERNELS
+from antumbra.trace.device.tree_list_kernels import TREE_LIST_KERNELS
 from devices import opened
 
-MOST_REGISTERS = {"trace_any": 64, "trace_samples": 72, "trace_nearest": 96, "trace_shafts": 96}
+MOST_REGISTERS = {"trace_any": 64, "trace_samples": 72, "trace_nearest": 96, "trace_shafts": 96, "trace_listed": 80}
 """Of a thread, by ptxas: more would leave too few threads on a processor of a card to hide the latency of memory."""
 
 
@@ -27,7 +28,16 @@ def test_every_kernel_is_in_the_list_once():
 
 @pytest.mark.parametrize(
     "kernels",
-    [BUILD_KERNELS, PLOC_KERNELS, CUTOUT_KERNELS, INSTANCE_KERNELS, CULL_KERNELS, SOURCE_KERNELS, PIXEL_KERNELS],
+    [
+        BUILD_KERNELS,
+        PLOC_KERNELS,
+        CUTOUT_KERNELS,
+        INSTANCE_KERNELS,
+        TREE_LIST_KERNELS,
+        CULL_KERNELS,
+        SOURCE_KERNELS,
+        PIXEL_KERNELS,
+    ],
 )
 def test_no_kernel_takes_the_name_of_another_one(kernels):
     assert kernels.items() <= KERNELS.items()

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 import antumbra as at
 from antumbra.query.ray_list import rays_of
 from antumbra.scene.triangles import HitFilter
-from antumbra.trace.rays.inside_votes import ALL, AXES, MOST, ON_CAP, OUTSIDE, WITHIN, Election
+from antumbra.trace.rays import inside_votes
+from antumbra.trace.rays.inside_votes import ALL, AXES, MOST, ON_CAP, OUTSIDE, UNDECIDED, WITHIN, Election
 from support.strength import examples
 
 DIRECTIONS = np.array([*np.eye(3), *-np.eye(3), *product((-1.0, 1.0), repeat=3)])
@@ -19,6 +20,14 @@ BOX = UNIT_BOX[
     [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4],
      [1, 5, 7], [1, 7, 3]]
 ]  # fmt: skip
+
+
+@pytest.fixture(autouse=True, scope="module", params=[0, 1 << 60], ids=["columns", "no columns"])
+def columns_pay(request):
+    """From how many points on there are columns."""
+    before, inside_votes._COLUMNS_PAY = inside_votes._COLUMNS_PAY, request.param
+    yield
+    inside_votes._COLUMNS_PAY = before
 
 
 def most_of_fourteen(scene, points):
@@ -68,8 +77,9 @@ def test_points_on_caps_are_marked():
         np.float32([[0, 0.5, 0.25], [0.5, 0.5, 0.25], [9, 9, 9]]),
     )
     rays = rays_up(scene, points)
-    election = Election(bodies.crossings(rays, 1), directions_up(), bodies.box)
-    assert bodies.caps.verdicts(rays, election).tolist() == [ON_CAP, WITHIN, OUTSIDE]
+    election = Election(bodies.crossings(rays, 1), bodies.box)
+    assert bodies.caps.verdicts(rays, election, True).tolist() == [ON_CAP, WITHIN, OUTSIDE]
+    assert bodies.caps.verdicts(rays, election, False)[[0, 2]].tolist() == [UNDECIDED, OUTSIDE]
     np.testing.assert_array_equal(scene.contains(points), most_of_fourteen(scene, points.astype(float)))
 
 

@@ -19,7 +19,7 @@ _NO_LOSS = "first", "nearest", "face", "object", "distance", "px", "py", "pz"  #
 
 
 def before_and_after(before: Table, after: Table) -> Table:
-    """One table of two, with the rows, the scene and the picture of the state after.
+    """Join the tables of two states into one, with the rows, the scene and the picture of the second state.
 
     Parameters
     ----------

@@ -50,7 +50,7 @@ _LEVEL = 0.7  # height of a unit normal: floors and roofs are less steep
 
 
 class SceneChange(NamedTuple):
-    """A scene before and after a change, as `scene_change` makes it."""
+    """A scene before and after a change, made by `scene_change`."""
 
     before: Scene  # without what is added
     after: Scene  # without what is removed
@@ -182,14 +182,14 @@ def _shown(data: MemoryData) -> NDArray[np.bool_]:
 def changed_scene(
     scene: SceneLike, add: "Addition | list[Addition] | None" = None, remove: str | Iterable[str] = ()
 ) -> Scene:
-    """A scene with objects added and removed: the state after of `scene_change`, whose parameters these are."""
+    """A scene with objects added and removed: `SceneChange.after` of `scene_change`, with the same parameters."""
     return scene_change(scene, add, remove).after
 
 
 def scene_change(
     scene: SceneLike, add: "Addition | list[Addition] | None" = None, remove: str | Iterable[str] = ()
 ) -> SceneChange:
-    """The states of a scene before and after objects are added and removed.
+    """Make the states of a scene before and after objects are added and removed.
 
     Parameters
     ----------
@@ -239,7 +239,7 @@ def scene_change(
 
 
 def scene_variant(scene: SceneLike, variant: Addition) -> SceneChange:
-    """The states of a scene and of a variant of it, such as another design, as `scene_change` makes them.
+    """Make the states of a scene and of a variant, such as another design, like `scene_change`.
 
     Parameters
     ----------

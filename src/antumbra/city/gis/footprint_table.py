@@ -19,7 +19,7 @@ from ...formats.foreign_formats import cure_of
 from ...scene.crs import check_horizontal_crs, checked_crs, in_one_unit, unit_of_crs
 from ...scene.units import LengthUnit
 from .length_texts import LENGTH_FORMS, STOREY, counts_storeys, lengths_in
-from .vector_table import TableRows, given_numbers, id_column, read_layer
+from .vector_table import NamedRows, given_numbers, id_column, read_layer
 
 SUFFIXES = (".gpkg", ".geojson", ".shp", ".fgb", ".parquet")
 """Suffixes of files of footprints."""
@@ -97,7 +97,7 @@ def read_footprints(table: FootprintsLike, options: FootprintOptions) -> Footpri
     shapes = import_extra("shapely", "footprints", "gis").force_2d(np.asarray(frame.geometry.array, object))
     columns = {str(name): frame[name] for name in frame.columns if name != frame.geometry.name}
     height = _HEIGHT if options.height is None else options.height
-    rows = TableRows(file, "footprint", len(frame))
+    rows = NamedRows(file, "footprint", len(frame))
     metres = unit_of_crs(None if frame.crs is None else checked_crs(frame.crs), options.unit).metres
     heights, unread = _lengths(height, "height", columns, rows, metres)
     bases, unread_bases = np.zeros(len(frame)), np.full(len(frame), None, object)
@@ -159,7 +159,7 @@ def _projected(frame: Any, crs: str | None, file: str) -> Any:
 
 
 def _lengths(
-    value: Any, what: str, columns: dict[str, Any], rows: TableRows, metres: float
+    value: Any, what: str, columns: dict[str, Any], rows: NamedRows, metres: float
 ) -> tuple[NDArray[np.float64], NDArray[np.object_]]:
     """Lengths from a number, an array or the name of a column, NaN: missing; and the texts that are no lengths.
 
@@ -179,7 +179,7 @@ def _values(column: Any) -> NDArray[Any]:
     return np.asarray(column.astype(object).where(column.notna(), None), object)
 
 
-def _ids(name: str | None, columns: dict[str, Any], frame: Any, rows: TableRows) -> list[str]:
+def _ids(name: str | None, columns: dict[str, Any], frame: Any, rows: NamedRows) -> list[str]:
     column = id_column(name, columns, _IDS, rows)
     return [str(each) for each in (frame.index if column is None else columns[column])]
 

@@ -28,7 +28,7 @@ def from_raster(
     name: str | None = None,
     max_memory: int | None = None,
 ) -> Scene:
-    """The triangulated surface of a raster of heights, such as a digital elevation model (DEM). Z is up.
+    """Triangulate a raster of heights, such as a digital elevation model (DEM). Z is up.
 
     The surface has a vertex at the centre of each cell. Four neighbouring vertices form a square, which the diagonal
     from its north-west to its south-east corner splits into two triangles. A triangle exists if its three cells have
@@ -116,7 +116,7 @@ def from_footprints(
     name: str | None = None,
     max_memory: int | None = None,
 ) -> Scene:
-    """Buildings from footprints with heights: closed solids with a flat roof, walls and a floor. Z is up.
+    """Make buildings from footprints with heights: closed solids with a flat roof, walls and a floor. Z is up.
 
     Parameters
     ----------

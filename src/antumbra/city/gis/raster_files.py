@@ -43,6 +43,7 @@ DESCRIPTIONS = re.compile(
 """The starts of descriptions that name other files; GDAL finds some of them anywhere in the head of a file."""
 
 _REMOTE = {
+    "CPL_VSIL_CURL_NON_CACHED": "/vsicurl/:/vsis3/:/vsigs/:/vsiaz/",  # what was read is forgotten when a file is closed
     "GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR",  # no file beside it is looked for
     "GDAL_HTTP_CONNECTTIMEOUT": "10",
     "GDAL_HTTP_MAX_RETRY": "3",

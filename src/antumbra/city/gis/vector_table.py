@@ -16,7 +16,7 @@ MOST_NAMES = 12
 """Columns that an error lists."""
 
 
-class TableRows(NamedTuple):
+class NamedRows(NamedTuple):
     """The rows of a table, as errors name them."""
 
     file: str
@@ -50,7 +50,7 @@ def _layer_of(path: Path, layer: str | None, things: str, fits: Callable[[str], 
     return fitting[0]
 
 
-def given_numbers(value: Any, what: str, columns: Mapping[str, Any], rows: TableRows) -> NDArray[np.float64] | None:
+def given_numbers(value: Any, what: str, columns: Mapping[str, Any], rows: NamedRows) -> NDArray[np.float64] | None:
     """(n,) float64 from a number or an array; None if `value` names a column, which there is."""
     if not isinstance(value, str) and np.ndim(value) == 0 and is_number(value):
         return np.full(rows.n, number(value, what))
@@ -66,7 +66,7 @@ def given_numbers(value: Any, what: str, columns: Mapping[str, Any], rows: Table
     return None
 
 
-def id_column(name: str | None, columns: Mapping[str, Any], usual: Sequence[str], rows: TableRows) -> str | None:
+def id_column(name: str | None, columns: Mapping[str, Any], usual: Sequence[str], rows: NamedRows) -> str | None:
     """The column that names rows: a given one, or the first usual one that there is; None: there is none."""
     if name is None:
         return next((each for each in usual if each in columns), None)

@@ -139,7 +139,7 @@ def module_shading(
     given: Given[_P], scene: SceneLike, modules: "PvModule | dict[str, PvModule]", times: Any, keep: Keep = None,
     progress: Progress = None, *args: _P.args, **keywords: _P.kwargs,
 ) -> ModuleShading:  # fmt: skip
-    """Find the shaded fraction of photovoltaic modules, and the share of the sky that they see, by time.
+    """Find how much of photovoltaic modules is shaded, and how much of the sky they see, at given times.
 
     Each sample of the sun's disk is traced exactly from each point of each module, at the geometric position of the
     sun (``elevation`` of pvlib, not ``apparent_elevation``).

@@ -39,12 +39,12 @@ _SUFFIXES = ".csv", ".parquet"
 
 @dataclass(frozen=True, kw_only=True)
 class PvCommand(StudyCommand[PvOptions, "ModuleShading"]):
-    """Compute the shading of photovoltaic modules.
+    """Compute the shading of solar modules.
 
     The table of modules has their positions, id or name, and optionally tilt, azimuth (degrees), width, height, and
     string. A row with an axis_azimuth is a tracker (axis_tilt, max_angle, and gcr for backtracking). The result has a
-    row for each module and time: shaded_fraction, from 0 to 1, and 1 while the sun is down or behind the plane;
-    sky_view_factor of the plane; and the position of the sun. pandas and pvlib read it as their own.
+    row for each module and time: shaded_fraction, from 0 to 1, which is 1 while the sun is down or behind the plane;
+    sky_view_factor of the plane; and the sun's position. Use it in pandas and pvlib as it is.
 
     \b
     Examples
@@ -59,14 +59,15 @@ class PvCommand(StudyCommand[PvOptions, "ModuleShading"]):
         typer.Option(help="A file of modules: .csv, .parquet, .npz, .gpkg or .geojson.", metavar="FILE"),
     ]
     on_surface: Annotated[
-        bool, typer.Option("--on-surface", help="Heights of modules are above the highest surface of SCENE.")
+        bool,
+        typer.Option("--on-surface", help="Measure heights from the highest surface. Without this, z is a coordinate."),
     ] = False
     days: Annotated[
         str,
         typer.Option(help="2026-06-21, 2026-03-21:2026-09-21, year:2026, or a comma-separated list.", metavar="DAYS"),
     ]
     step: Annotated[
-        float, typer.Option(help="Minutes between times, each in the middle of its interval.", metavar="MINUTES")
+        float, typer.Option(help="Minutes between times. Each is the middle of its interval.", metavar="MINUTES")
     ] = 60.0
     trees: VegetationOption = None
     crs: CrsOption = None

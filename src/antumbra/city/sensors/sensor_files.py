@@ -92,7 +92,7 @@ def raster_height(form: str) -> float | None:
 
 
 def sensors_of(text: str, scene: SceneLike, threads: int | None = None, areas: AreaLike | None = None) -> Sensors:
-    """The sensors that a text names.
+    """Make the sensors that a text describes.
 
     With `areas`, in any form that `area_sensors` accepts, the text must start with ``raster``; heights are then above
     the ground of the areas.

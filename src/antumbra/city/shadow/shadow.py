@@ -51,7 +51,7 @@ def shadow(
     *args: _P.args,
     **keywords: _P.kwargs,
 ) -> Shadow:
-    """Find the shadow on the ground at a moment, or the hours of shadow of days, as polygons.
+    """Find the shadow on the ground at a moment, or the shadow hours of days, as polygons.
 
     Without cells, the shadow at a moment falls on a horizontal plane, and its outline is exact: the union of all
     triangles, also of those with alpha masks, projected along the sun. With cells, polygons follow the edges of raster

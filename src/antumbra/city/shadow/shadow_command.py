@@ -69,7 +69,7 @@ class ShadowCommand(StudyCommand[ShadowOptions, "Shadow"]):
         bool,
         typer.Option(
             "--before",
-            help="Compare with the state before --add and --remove: new and gone shadow, or added hours.",
+            help="Compare with the state before a change: new and gone shadow, or added hours, by --add and --remove.",
         ),
     ] = False
     crs: CrsOption = None
@@ -90,7 +90,8 @@ class ShadowCommand(StudyCommand[ShadowOptions, "Shadow"]):
 
     def check(self) -> None:
         position_of(self)
-        self.options.check_moment()
+        if (self.options.at is None) == (self.options.days is None):
+            raise InputError("give either --at TIME, such as --at 2026-06-21T15:00, or --days DAYS")
         if self.before and self.options.per == "object":
             raise InputError("--before compares the whole shadow; leave --per object out")
         if self.tree_spec is not None and self.options.on_plane:

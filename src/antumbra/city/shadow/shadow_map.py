@@ -10,9 +10,9 @@ from ...base.extras import import_extra
 from ...base.wording import counted
 from ..sheets.map_frame import Extent, MapFit, bounds_of, draw_frame
 from ..sheets.method_facts import minutes_text, place_facts, unit_of
-from ..sheets.page import Column, Page
+from ..sheets.page import Page, TextColumn
 from ..sheets.scene_plan import draw_outlines, outlines_of
-from ..sheets.sheet import Report
+from ..sheets.sheet import SheetContent
 from ..sheets.sheet_options import Sheet
 from ..sheets.sheet_tables import SheetTable, cell_text
 from ..sheets.units_text import area_text, area_unit
@@ -36,10 +36,10 @@ class _ColourGroup(NamedTuple):
     area: float  # m2
 
 
-def shadow_report(shadow: Any) -> Report:
+def shadow_report(shadow: Any) -> SheetContent:
     """The content of the sheet of a `Shadow`."""
     about, margin = shadow.about, 2.0 if shadow.casters is None else 5.0
-    return Report(
+    return SheetContent(
         "Hours of shadow" if "days" in about else "Shadow",
         about,
         partial(_draw_map, shadow),
@@ -63,7 +63,7 @@ def _draw_map(shadow: Any, page: Page, fit: MapFit | None, sheet: Sheet) -> None
         draw_outlines(axes, outlines_of(shadow.scene, fit.extent))
     about = shadow.about
     draw_frame(page, axes, fit, unit, float(about.get("north", 0.0)), "latitude" in about)
-    panel = Column(page, fit.layout.panel)
+    panel = TextColumn(page, fit.layout.panel)
     panel.lines(f"area [{area_unit(unit).name}²]", 10, weight="bold")
     panel.gap(1.5)
     for group in groups:

@@ -83,7 +83,7 @@ class ShadowOptions:
     plane: float | None = option(
         None,
         RealNumber(-np.inf, np.inf, optional=True),
-        "Height of a horizontal plane that the shadow falls on.",
+        "Height of the plane on which the shadow falls.",
         note="with cells, the highest surfaces; else the lowest point of the scene",
         metavar="HEIGHT",
     )
@@ -106,7 +106,7 @@ class ShadowOptions:
     casters: str | Sequence[str] | None = option(
         None,
         optional(_casters),
-        "On a plane: names or types of the objects that cast shadows, with * and ?, separated by commas.",
+        "Objects that cast shadows, on a plane: names or types with * and ?, separated by commas.",
         kind=str | None,
         note="all but the ground of a city model",
         metavar="NAMES",
@@ -114,12 +114,12 @@ class ShadowOptions:
     )
     """On a plane: names or types of the objects that cast shadows, with wildcards, such as "Building*". None: all,
     except terrain, roads, land use, plant cover and water of a city model."""
-    footprints: bool = option(True, flag, "On a plane, include the ground below the objects themselves.")
+    footprints: bool = option(True, flag, "Include the ground below objects, on a plane.")
     """On a plane: whether the shadow includes the ground straight below the objects that cast it."""
     classes: str | Sequence[float] = option(
         CLASSES,
         _classes,
-        "For days: lower limits of the classes of hours, separated by commas.",
+        "Lower limits of the classes of hours, for days, separated by commas.",
         kind=str,
         start=",".join(f"{limit:g}" for limit in CLASSES),
         metavar="HOURS",
@@ -142,7 +142,7 @@ class ShadowOptions:
     def check_moment(self) -> None:
         """Raise an InputError unless there is either a moment or days."""
         if (self.at is None) == (self.days is None):
-            raise InputError("a shadow needs a moment or days; give at, such as 2026-06-21T15:00, or days, not both")
+            raise InputError("a shadow needs either a moment (at, such as 2026-06-21T15:00) or days")
 
     @property
     def on_plane(self) -> bool:

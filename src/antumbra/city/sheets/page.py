@@ -240,7 +240,7 @@ def missing_letters(pages: Iterable[Page]) -> list[str]:
 # --- Columns of keys and facts ----------------------------------------------------------------------------------------
 
 
-class Column:
+class TextColumn:
     """Rows written down one or several rectangles of a page, one after the other."""
 
     def __init__(self, page: Page, places: Sequence[Rect]):

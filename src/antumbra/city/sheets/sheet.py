@@ -16,7 +16,7 @@ from ...sun.sun_positions import suns_of, times_of, zone_of
 from ..sensors.point_checks import tell
 from .map_frame import Extent, MapFit, fit_map
 from .method_facts import SUNLIT, day_of, method_facts, minutes_text, place_in_about, source_facts
-from .page import FAINT, Column, Layout, Page, Rect, fonts, layout_of, missing_letters, save_pages
+from .page import FAINT, Layout, Page, Rect, TextColumn, fonts, layout_of, missing_letters, save_pages
 from .sheet_options import Sheet
 from .sheet_tables import SheetTable, cell_text, table_pages
 from .sun_paths import SEASONS, SunPath, draw_paths, polar_axes
@@ -28,7 +28,7 @@ _MOST_LETTERS = 8  # without a font, named
 
 
 @dataclass(frozen=True)
-class Report:
+class SheetContent:
     """The content of a sheet.
 
     heading : the title, unless the sheet has one
@@ -68,7 +68,7 @@ def check_diagram(sheet: Sheet) -> None:
         raise InputError("the sheet is a diagram without a scale; leave scale and extent out")
 
 
-def save_report(path: Path, report: Report, sheet: Sheet) -> None:
+def save_report(path: Path, report: SheetContent, sheet: Sheet) -> None:
     """Write the sheet of a report; .svg and .png hold the map alone."""
     with fonts():
         pages = report_pages(report, sheet, path.suffix.lower() == ".pdf")
@@ -78,7 +78,7 @@ def save_report(path: Path, report: Report, sheet: Sheet) -> None:
         save_pages(path, pages, sheet.title or report.heading, sheet.author)
 
 
-def report_pages(report: Report, sheet: Sheet, whole: bool = True) -> list[Page]:
+def report_pages(report: SheetContent, sheet: Sheet, whole: bool = True) -> list[Page]:
     """The pages of a sheet; `whole`: all, not only the map."""
     fit = report.fit(sheet)
     layout = layout_of(sheet.paper, sheet.orientation != "portrait") if fit is None else fit.layout
@@ -92,13 +92,13 @@ def report_pages(report: Report, sheet: Sheet, whole: bool = True) -> list[Page]
     return pages
 
 
-def _map_pages(report: Report, sheet: Sheet, layout: Layout, fit: MapFit | None) -> Iterator[Page]:
+def _map_pages(report: SheetContent, sheet: Sheet, layout: Layout, fit: MapFit | None) -> Iterator[Page]:
     page = Page(layout)
     report.draw(page, fit, sheet)
     yield page
 
 
-def _table_pages(report: Report, sheet: Sheet, layout: Layout, fit: MapFit | None) -> list[Page]:
+def _table_pages(report: SheetContent, sheet: Sheet, layout: Layout, fit: MapFit | None) -> list[Page]:
     return table_pages(layout, list(report.tables()))
 
 
@@ -119,10 +119,10 @@ def _named_page(layout: Layout, name: str) -> Page:
 def _fact_pages(layout: Layout, name: str, facts: Sequence[tuple[str, str]], first: tuple[Page, Rect]) -> list[Page]:
     """Pages with facts in two columns. `first`: the first page, and its second column."""
     page, right = first
-    rest, pages = Column(page, (_halves(layout)[0], right)).facts(facts), [page]
+    rest, pages = TextColumn(page, (_halves(layout)[0], right)).facts(facts), [page]
     while rest:
         page = _named_page(layout, f"{name} (continued)")
-        left = Column(page, _halves(layout)).facts(rest)
+        left = TextColumn(page, _halves(layout)).facts(rest)
         if len(left) == len(rest):
             raise InputError(f"{rest[0][0]} is too long for a page of the sheet; choose a larger paper")
         rest = left
@@ -130,7 +130,7 @@ def _fact_pages(layout: Layout, name: str, facts: Sequence[tuple[str, str]], fir
     return pages
 
 
-def _method_pages(report: Report, sheet: Sheet, layout: Layout, fit: MapFit | None) -> list[Page]:
+def _method_pages(report: SheetContent, sheet: Sheet, layout: Layout, fit: MapFit | None) -> list[Page]:
     """The method, the paths of the sun, and the positions of the sun on a single day."""
     page = _named_page(layout, "Method")
     right = _halves(layout)[1]
@@ -186,7 +186,7 @@ def sun_table(about: dict[str, Any], place: Place) -> SheetTable | None:
     return SheetTable("Positions of the sun", headers, rows, frozenset((1, 2, 3)), note=note)
 
 
-def _source_pages(report: Report, sheet: Sheet, layout: Layout, fit: MapFit | None) -> list[Page]:
+def _source_pages(report: SheetContent, sheet: Sheet, layout: Layout, fit: MapFit | None) -> list[Page]:
     page = _named_page(layout, "Data sources")
     facts = list(source_facts(report.about, report.scene, [Path(each) for each in sheet.sources], sheet.licence))
     return _fact_pages(layout, "Data sources", facts, (page, _halves(layout)[1]))

@@ -32,7 +32,7 @@ def points_along(
     lines: ArrayLike | Sequence[ArrayLike] | str | PathLike[str], spacing: float, *, crs: str | None = None,
     up: str = "z",
 ) -> LinePoints:  # fmt: skip
-    """Points along lines at an even spacing, in the middle of equally long pieces.
+    """Place points along lines at an even spacing, in the middle of equally long pieces.
 
     Parameters
     ----------

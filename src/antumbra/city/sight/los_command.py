@@ -34,7 +34,7 @@ _SUFFIXES = ".csv", ".parquet", ".parquets", ".json", ".npz", _MODEL
 class LosCommand(StudyCommand[SightOptions, "list[Sightlines]"]):
     """Find which points see each other.
 
-    The result lists what blocks the others: per pair, the nearest blocking face, its object, the blocked point, and the
+    For each pair that does not, the result names the nearest blocking face, its object, the blocked point, and the
     distances. An endpoint on a surface needs a normal (columns nx,ny,nz, or nx1 to nz2) or its face (face1, face2);
     otherwise float32 may round it behind the surface. Tables have a row per pair; a .glb shows the lines, green up to
     the first blocker.

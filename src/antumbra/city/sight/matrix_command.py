@@ -39,7 +39,7 @@ _BITS, _SPARSE = ".npy", ".npz"
 
 @dataclass(frozen=True, kw_only=True)
 class MatrixCommand(StudyCommand[MatrixOptions, "list[VisibilityMatrix]"]):
-    """Find which sensors see which targets, bit by bit.
+    """Find which sensors see which targets, as a matrix.
 
     Sensors on surfaces are visible only from their outer side. Bit j % 64 of word j // 64 in row i is set if sensor i
     and target j see each other. Without --targets, each pair is traced once, and no sensor sees itself.
@@ -65,7 +65,8 @@ class MatrixCommand(StudyCommand[MatrixOptions, "list[VisibilityMatrix]"]):
         typer.Option(
             "--output",
             "-o",
-            help="A .npy file of bits, 64 targets per word; an interrupted run continues in it.",
+            help="Write bits (.npy): which sensor sees which target. A word holds 64 targets; an interrupted "
+            "run continues in the file.",
             show_default=False,
             callback=writes(_BITS),
         ),
@@ -105,7 +106,7 @@ class MatrixCommand(StudyCommand[MatrixOptions, "list[VisibilityMatrix]"]):
         for path in self.paths("counts"):
             writer_of(path, kind_of(self.sensors))
         if self.before and (self.output is not None or self.sparse is not None):
-            raise InputError("--before is of --counts and --map; leave --output and --sparse out")
+            raise InputError("--before works only with --counts and --map; omit --output and --sparse")
         if self.output is None and self.sparse is None and not self.counts and not self.map:
             raise InputError("there is nothing to write: give --output, --sparse, --counts or --map")
 

@@ -43,7 +43,7 @@ class VisibleOptions:
         64, lambda value, what: whole_number(value, what, 1, MOST_SAMPLES), "Sample points of the rotor."
     )
     """Samples of a turbine's rotor, 1 to 1024."""
-    on_surface: bool = option(False, flag, "First place the foot of each turbine on the highest surface.")
+    on_surface: bool = option(False, flag, "First place turbines on the highest surface.")
     """First move the feet of turbines to the highest surface above or below them. Without a surface, it is an error."""
     curvature: bool = same_option(CurvatureOptions, "curvature")
     refraction: float | None = same_option(CurvatureOptions, "refraction")

@@ -51,7 +51,7 @@ def surface_points(
     scene: SceneLike, spacing: float, *, objects: str | list[str] | None = None,
     types: str | list[str] | None = None, lift: float = 0.0,
 ) -> Sensors:  # fmt: skip
-    """Points on a part of a scene, such as a facade, as a target: those of `grid_sensors` on some objects or surfaces.
+    """Place points on part of a scene, such as a facade, as a target: `grid_sensors` on some objects or surfaces.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def _texts(value: Any, what: str) -> list[str]:
 
 
 def polygon_points(corners: ArrayLike, spacing: float) -> Sensors:
-    """Points in a flat polygon, as a target that is visible from the side on which its corners run counterclockwise.
+    """Place points in a flat polygon, as a target visible from the side on which its corners run counterclockwise.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ def visible_share(
     surface: "SceneLike | None" = None, keep: Keep = None, progress: Progress = None, *args: _P.args,
     **keywords: _P.kwargs,
 ) -> Table:  # fmt: skip
-    """The share of a target that each sensor sees. Every line of sight is exact.
+    """Find how much of a target each sensor sees. Every line of sight is exact.
 
     Parameters
     ----------

@@ -53,9 +53,9 @@ class ViewshedCommand(SensorStudy[ViewshedOptions, "Viewshed"]):
     """Count the observers that see each place.
 
     The result has the columns seen (number of observers), first and nearest (observer indices, -1: none) and distance;
-    with --along, also length, that of the lines that see a sensor; with --least-height, also least_height. Rasters are
-    written as a map or GeoTIFF, other sensors as a view of the scene. raster:2+1.6 places targets 1.6 above the highest
-    surfaces. Distances are straight-line distances from the eye.
+    with --along, also length, the length of line that sees a sensor; with --least-height, also least_height. Rasters
+    are written as a map or GeoTIFF, other sensors as a view of the scene. raster:2+1.6 places targets 1.6 above the
+    highest surfaces. Distances are straight-line distances from the eye.
 
     \b
     Examples
@@ -87,7 +87,7 @@ class ViewshedCommand(SensorStudy[ViewshedOptions, "Viewshed"]):
     along: Annotated[
         Path | None,
         typer.Option(
-            help="A file of lines from which observers look, such as a road: .gpkg, .geojson, .shp, or the vertices of "
+            help="Observers along lines, such as a road: a .gpkg, .geojson or .shp file, or the vertices of "
             "one line in a .csv file.",
             show_default=False,
         ),
@@ -105,7 +105,7 @@ class ViewshedCommand(SensorStudy[ViewshedOptions, "Viewshed"]):
     bits: Annotated[
         Path | None,
         typer.Option(
-            help="A .npy file of bits: which observer sees which sensor, 64 observers per word.",
+            help="Write bits (.npy): who sees which sensor. A word holds 64 observers.",
             show_default=False,
             callback=writes(".npy"),
         ),

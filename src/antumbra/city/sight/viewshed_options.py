@@ -39,14 +39,14 @@ class ViewshedOptions:
         0.0, RealNumber(-np.inf, np.inf), "Height of the eyes above the observers, in world units."
     )
     """Height of the eyes above the observers, world units."""
-    on_surface: bool = option(False, flag, "First place each observer on the highest surface at its position.")
+    on_surface: bool = option(False, flag, "First place observers on the highest surface.")
     """First move each observer to the highest surface above or below it. Without a surface, it is an error."""
     min_distance: float = option(
-        0.0, RealNumber(0.0, np.inf, "[)"), "Least distance of visible sensors, in world units."
+        0.0, RealNumber(0.0, np.inf, "[)"), "Nearest distance of visible sensors, in world units."
     )
     """World units, in a straight line from eye to sensor; the limits are included."""
     max_distance: float | None = option(
-        None, RealNumber(0.0, np.inf, "(]", optional=True), "Greatest distance of visible sensors.", note="no limit"
+        None, RealNumber(0.0, np.inf, "(]", optional=True), "Farthest distance of visible sensors.", note="no limit"
     )
     """None: no limit."""
     azimuth: tuple[float, float] = option(
@@ -79,7 +79,7 @@ class ViewshedOptions:
     each: bool = option(False, flag, "Add a column, or a band, for each observer: seen_NAME.")
     """Add a column for each observer: whether it sees the sensor."""
     least_height: bool = option(
-        False, flag, "On a raster of heights: the least height above each cell at which it is seen."
+        False, flag, "Add how tall a target must be to be seen. For rasters of heights: the height above each cell."
     )
     """For the cells of a scene that is a raster of heights: also find how tall a thing must be in each to be seen."""
     plan: str | Plan | None = same_option(EngineOptions, "plan", help="Plan; see antumbra plans.", note="auto")

@@ -46,11 +46,11 @@ _WAYS = "--turbine X,Y,Z, --turbines FILE, --object NAME, --polygon FILE or --po
 
 @dataclass(frozen=True, kw_only=True)
 class VisibleCommand(SensorStudy[VisibleOptions, "Table | TableBlocks"]):
-    """Compute the share of a target that each place sees.
+    """Compute how much of a target each place sees.
 
     The target is one or several wind turbines, whose rotors turn towards each sensor, an object of the scene, a polygon
-    or points. The result has the columns share, from 0 to 1, and visible, the number of visible sample points. For
-    several turbines, it also has turbines, the number of those in sight, and the share of each.
+    or points. The result has the columns share, the visible fraction from 0 to 1, and visible, the number of visible
+    sample points. For several turbines, it also has turbines, the number in sight, and the share of each.
 
     \b
     Examples
@@ -76,8 +76,10 @@ class VisibleCommand(SensorStudy[VisibleOptions, "Table | TableBlocks"]):
             show_default=False,
         ),
     ] = None
-    hub_height: Annotated[float | None, typer.Option(help="Of turbines, above their feet.", show_default=False)] = None
-    rotor: Annotated[float | None, typer.Option(help="Diameter of their rotors.", show_default=False)] = None
+    hub_height: Annotated[
+        float | None, typer.Option(help="Height of the hub above the foot of a turbine.", show_default=False)
+    ] = None
+    rotor: Annotated[float | None, typer.Option(help="Diameter of the rotor.", show_default=False)] = None
     object: Annotated[
         list[str] | None,
         typer.Option(help="An object of the scene, such as a building; may be repeated.", show_default=False),
@@ -86,7 +88,7 @@ class VisibleCommand(SensorStudy[VisibleOptions, "Table | TableBlocks"]):
     surfaces: Annotated[
         str | None,
         typer.Option(
-            help="Types of its surfaces, such as WallSurface,RoofSurface.", metavar="TYPES", show_default=False
+            help="Only these surface types, such as WallSurface,RoofSurface.", metavar="TYPES", show_default=False
         ),
     ] = None
     polygon: Annotated[

@@ -11,8 +11,8 @@ from ...base.wording import place_text
 from ...sun.location import Place
 from ..sheets.map_frame import MapFit
 from ..sheets.method_facts import place_facts
-from ..sheets.page import Column, Page
-from ..sheets.sheet import Report
+from ..sheets.page import Page, TextColumn
+from ..sheets.sheet import SheetContent
 from ..sheets.sheet_options import Sheet
 from ..sheets.sheet_tables import SheetTable
 from ..sheets.sun_paths import SEASONS, draw_paths, polar_axes
@@ -20,11 +20,13 @@ from ..sheets.sun_paths import SEASONS, draw_paths, polar_axes
 _SOLID, _HIGHEST = "#a9aeb6", "#dcdee2"
 
 
-def horizon_report(skyline: Any, point: int, place: Place | None) -> Report:
+def horizon_report(skyline: Any, point: int, place: Place | None) -> SheetContent:
     """The content of the sheet of a point of a `Skyline`. Without a place, it has no paths of the sun."""
     facts = [("point", _point_text(skyline, point)), ("azimuths", f"{len(skyline.azimuth):,}")]
     draw = partial(_draw_diagram, skyline, point, place)
-    return Report("Skyline", skyline.about, draw, tables=lambda: [_table(skyline, point)], counts=facts, place=place)
+    return SheetContent(
+        "Skyline", skyline.about, draw, tables=lambda: [_table(skyline, point)], counts=facts, place=place
+    )
 
 
 def _draw_diagram(skyline: Any, point: int, place: Place | None, page: Page, fit: MapFit | None, sheet: Sheet) -> None:
@@ -33,7 +35,7 @@ def _draw_diagram(skyline: Any, point: int, place: Place | None, page: Page, fit
     axes = polar_axes(page, diagram)
     _fill(axes, skyline.azimuth, skyline.highest[point], _HIGHEST)
     _fill(axes, skyline.azimuth, skyline.elevation[point], _SOLID)
-    panel = Column(page, layout.panel)
+    panel = TextColumn(page, layout.panel)
     panel.lines("elevation of the horizon", 10, weight="bold")
     panel.gap(1.5)
     panel.key(_SOLID, "along the azimuth")

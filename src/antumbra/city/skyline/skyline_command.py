@@ -29,12 +29,12 @@ _SUFFIXES = ".csv", ".json", ".npz", ".txt"
 
 @dataclass(frozen=True, kw_only=True)
 class SkylineCommand(StudyCommand[SkylineOptions, "list[Skyline]"]):
-    """Compute the elevation of the horizon by azimuth.
+    """Compute the horizon elevation at every azimuth.
 
-    Azimuths are degrees clockwise from true north. elevation is that along an azimuth, highest the greatest within half
-    a step on both sides, so nothing between two azimuths is missed. -90: there is nothing; 90: the point lies below
-    a roof. A .txt file is the horizon file of PVGIS for one point. --map draws its polar diagram, with the paths of the
-    sun if the scene has a CRS.
+    Azimuths are in degrees clockwise from true north. The column elevation is the horizon along an azimuth; highest is
+    the highest within half a step on both sides, so nothing between two azimuths is missed. -90 means that nothing is
+    there, 90 that a roof covers the point. A .txt file is a PVGIS horizon file for one point. --map draws its polar
+    diagram, with the sun's paths if the scene has a CRS.
 
     \b
     Examples
@@ -69,7 +69,11 @@ class SkylineCommand(StudyCommand[SkylineOptions, "list[Skyline]"]):
     map: MapOption = None
     sheet: SheetOption = None
     highest: Annotated[
-        bool, typer.Option(help="In a .txt file, the highest elevation near each azimuth instead of that along it.")
+        bool,
+        typer.Option(
+            help="Write the conservative horizon to .txt files. It is the highest one near each azimuth, not the "
+            "one along it."
+        ),
     ] = False
     up: Annotated[UpOption, ListedBefore("threads")] = None
     crs: CrsOption = None

@@ -39,7 +39,7 @@ class SkylineOptions:
     grid convergence of the scene's CRS at its centre, or 0 without a CRS."""
     eye_height: float = option(0.0, RealNumber(-np.inf, np.inf), "Height of the eyes above the points, in world units.")
     """Height of the eyes above the points, world units."""
-    on_surface: bool = option(False, flag, "First place each point on the highest surface at its position.")
+    on_surface: bool = option(False, flag, "First place points on the highest surface.")
     """First move each point to the highest surface above or below it. Without a surface, it is an error."""
     curvature: bool = same_option(CurvatureOptions, "curvature")
     refraction: float | None = same_option(CurvatureOptions, "refraction")

@@ -37,10 +37,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class CalendarCommand(StudyCommand[CalendarOptions, "SunCalendar"]):
-    """Find the first and last sun of each day at points.
+    """Find the first and last sun of each day.
 
-    The result has a row per point and day: sunrise and sunset over an open horizon, first_sun and last_sun behind the
-    scene, in local time to the second, and the hours of sun. --map draws the days of one point.
+    The result has a row per point and day: sunrise and sunset over an open horizon, first_sun and last_sun as the
+    scene lets the point see them, in local time to the second, and the sun hours. --map draws the days of one point.
 
     \b
     Examples

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from ..sheets.map_frame import MapFit
 from ..sheets.method_facts import place_facts, unit_of
-from ..sheets.page import FAINT, Column, Page
-from ..sheets.sheet import Report
+from ..sheets.page import FAINT, Page, TextColumn
+from ..sheets.sheet import SheetContent
 from ..sheets.sheet_options import Sheet
 from ..sheets.sheet_tables import SheetTable
 
@@ -21,12 +21,12 @@ _DAY = np.timedelta64(1, "D")
 _STEPS = 1.5  # by which the hours, from suns a step apart, may differ from the time between the first and the last
 
 
-def calendar_report(calendar: Any, point: int) -> Report:
+def calendar_report(calendar: Any, point: int) -> SheetContent:
     """The content of the sheet of a point of a `SunCalendar`."""
     heading = f"First and last sun, point {calendar.names[point]}"
     draw = partial(_draw_diagram, calendar, point)
     facts = list(_facts(calendar, point))
-    return Report(heading, calendar.about, draw, tables=lambda: [_table(calendar, point)], counts=facts)
+    return SheetContent(heading, calendar.about, draw, tables=lambda: [_table(calendar, point)], counts=facts)
 
 
 def clock_texts(times: NDArray[np.datetime64]) -> list[str]:
@@ -46,7 +46,7 @@ def _draw_diagram(calendar: Any, point: int, page: Page, fit: MapFit | None, she
             for hours in edges:
                 axes.plot(days, hours, drawstyle="steps-post", **style)
     _draw_axes(axes, calendar.days)
-    panel = Column(page, layout.panel)
+    panel = TextColumn(page, layout.panel)
     panel.lines(f"local time, {about['timezone'] or 'zone of the longitude'}", 10, weight="bold")
     panel.gap(1.5)
     panel.key(_SUN, "from the first to the last sun")

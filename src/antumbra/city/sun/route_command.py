@@ -38,11 +38,11 @@ _SUFFIXES = ".csv", ".parquet", ".parquets", ".gpkg", ".json", ".npz", ".png"
 
 @dataclass(frozen=True, kw_only=True)
 class RouteCommand(StudyCommand[RouteOptions, "RouteShade"]):
-    """Compute the shade along a route, by the hour.
+    """Compute the hourly shade along a route.
 
-    The result has a row per station, with its distance along the route, and the columns shade, the share of the time
-    with sun, and shade_08, that from 8 to 9 o'clock, for each hour with sun. --hours FILE.csv has a row per hour: the
-    share of the route in shade.
+    The result has a row per station: its distance along the route, shade (the fraction of daytime in shade), and for
+    each hour of the day a column such as shade_08 (the fraction from 8 to 9 o'clock). --hours FILE.csv writes a row per
+    hour: the fraction of the route in shade.
 
     \b
     Examples

@@ -27,7 +27,7 @@ class RouteOptions:
         0.0, RealNumber(-np.inf, np.inf), "Height of the stations above the line, in world units."
     )
     """Height of the stations above the line, world units."""
-    on_surface: bool = option(False, flag, "First place each station on the highest surface at its position.")
+    on_surface: bool = option(False, flag, "First place stations on the highest surface.")
     """First move each station to the highest surface above or below it. Without a surface, it is an error."""
     curvature: bool = same_option(CurvatureOptions, "curvature")
     refraction: float | None = same_option(CurvatureOptions, "refraction")
@@ -53,7 +53,7 @@ class CalendarOptions:
     the centre of its disk, without refraction, as in `antumbra.sun_hours`."""
     eye_height: float = option(0.0, RealNumber(-np.inf, np.inf), "Height of the eyes above the points, in world units.")
     """Height of the eyes above the points, world units."""
-    on_surface: bool = option(False, flag, "First place each point on the highest surface at its position.")
+    on_surface: bool = option(False, flag, "First place points on the highest surface.")
     """First move each point to the highest surface above or below it. Without a surface, it is an error."""
     curvature: bool = same_option(CurvatureOptions, "curvature")
     refraction: float | None = same_option(CurvatureOptions, "refraction")

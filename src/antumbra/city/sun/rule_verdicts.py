@@ -84,14 +84,14 @@ def _shares_of_days(suns: Suns) -> NDArray[np.float64]:
 # --- Verdicts ---------------------------------------------------------------------------------------------------------
 
 
-class Verdict(NamedTuple):
+class RuleVerdict(NamedTuple):
     """What a rule says of n values."""
 
     passes: NDArray[np.bool_]  # (n,) bool
     ratio: NDArray[np.float64] | None  # (n,) float64: the least share of a former value; NaN: it was 0; None: no former
 
 
-def verdict_of(rule: Rule, after: Sequence[np.ndarray], before: Sequence[np.ndarray] | None = None) -> Verdict:
+def verdict_of(rule: Rule, after: Sequence[np.ndarray], before: Sequence[np.ndarray] | None = None) -> RuleVerdict:
     """Judge values by a rule.
 
     after, before : (n,) float of each criterion, in its unit; before: None if there is no former state, so that only
@@ -99,13 +99,13 @@ def verdict_of(rule: Rule, after: Sequence[np.ndarray], before: Sequence[np.ndar
     """
     passes = np.all([now >= each.least - _ROUNDING for now, each in zip(after, rule.criteria)], axis=0)
     if before is None:
-        return Verdict(passes, None)
+        return RuleVerdict(passes, None)
     if rule.kept is not None and rule.area is None:
         passes |= np.all([now >= rule.kept * former - _ROUNDING for now, former in zip(after, before)], axis=0)
     if rule.small_loss is not None:
         passes |= before[0] - after[0] <= rule.small_loss + _ROUNDING
     ratios = [np.divide(now, old, out=np.full(len(old), np.nan), where=old > 0.0) for now, old in zip(after, before)]
-    return Verdict(passes, np.fmin.reduce(ratios))
+    return RuleVerdict(passes, np.fmin.reduce(ratios))
 
 
 def verdict_columns(rule: Rule, columns: Mapping[str, Column]) -> dict[str, Column]:
@@ -125,7 +125,7 @@ def verdict_columns(rule: Rule, columns: Mapping[str, Column]) -> dict[str, Colu
     return _named(rule, verdict_of(rule, [columns[name].values for name in names], before))
 
 
-def _named(rule: Rule, verdict: Verdict) -> dict[str, Column]:
+def _named(rule: Rule, verdict: RuleVerdict) -> dict[str, Column]:
     """The columns of a verdict."""
     about = f"verdict by {rule.name}" if rule.area is None else f"places with the hours of {rule.name}"
     if verdict.ratio is not None and rule.kept is not None and rule.area is None:

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class SunCommand(SensorStudy[SunOptions, "Table | TableBlocks"]):
-    """Compute hours of direct sun on surfaces.
+    """Compute sun hours on surfaces.
 
     The location comes from the file's CRS (CityJSON), --crs, --latitude and --longitude, or an EPW file. Each sun
     position represents --step minutes, and results are exact for these positions. Repeat an interrupted command to
@@ -91,7 +91,7 @@ class SunCommand(SensorStudy[SunOptions, "Table | TableBlocks"]):
     bounds: Annotated[
         str | None,
         typer.Option(
-            help="Of the cells of a raster, only those with centres between these eastings and northings.",
+            help="Only raster cells within this rectangle. Their centres lie between these eastings and northings.",
             metavar="X0,N0,X1,N1",
             show_default=False,
         ),
@@ -99,7 +99,7 @@ class SunCommand(SensorStudy[SunOptions, "Table | TableBlocks"]):
     areas: Annotated[
         Path | None,
         typer.Option(
-            help="GeoJSON polygons of gardens or other ground areas, for br209-amenity.",
+            help="GeoJSON polygons, such as gardens, for br209-amenity.",
             metavar="FILE",
             show_default=False,
         ),
@@ -119,16 +119,14 @@ class SunCommand(SensorStudy[SunOptions, "Table | TableBlocks"]):
     city_output: Annotated[
         Path | None,
         typer.Option(
-            help="Copy the CityJSON file, .json or .jsonl, with the results as attributes.",
+            help="Copy the CityJSON file with the results added. They are attributes; FILE is .json or .jsonl.",
             metavar="FILE",
             callback=writes(*CITYJSON.suffixes),
         ),
     ] = None
     matrix: Annotated[
         Path | None,
-        typer.Option(
-            help="A .npy file of bits: which sensor sees which sun position.", metavar="FILE", callback=writes(".npy")
-        ),
+        typer.Option(help="Write bits (.npy): which sensor sees which sun.", metavar="FILE", callback=writes(".npy")),
     ] = None
     max_memory: Annotated[MaxMemoryOption, LISTED_LAST] = None
     up: UpOption = None

@@ -145,7 +145,7 @@ class SunKeywords:
     sunshine: str | Sequence[float] | None = option(
         None,
         optional(_sunshine),
-        "Mean hours of sunshine in each month, twelve numbers, for br209-apsh.",
+        "Mean sunshine hours per month, twelve numbers, for br209-apsh.",
         kind=str | None,
         metavar="JAN/.../DEC",
         doc_type="str, sequence of 12 floats, or None",
@@ -155,7 +155,7 @@ class SunKeywords:
     lowest: float | None = option(
         None,
         RealNumber(0.0, 90.0, "[)", "degrees", optional=True),
-        "Altitude above which suns count, degrees.",
+        "Lowest altitude of suns that count, in degrees.",
         note="0, or as the rule requires",
         metavar="DEGREES",
     )
@@ -191,7 +191,7 @@ class SunKeywords:
     surfaces: Sequence[str] | None = option(
         None,
         optional(_surfaces),
-        "Only surfaces of these types of CityJSON, such as WallSurface,RoofSurface.",
+        "Only these CityJSON surface types, such as WallSurface,RoofSurface.",
         kind=str | None,
         note="all",
         metavar="TYPES",
@@ -201,7 +201,7 @@ class SunKeywords:
     facing: tuple[float, float] | None = option(
         None,
         optional(_facing),
-        "Only surfaces that face azimuths in this range, degrees clockwise from true north.",
+        "Only surfaces that face these azimuths, degrees clockwise from true north.",
         kind=str | None,
         note="all",
         metavar="FROM:TO",
@@ -213,7 +213,7 @@ class SunKeywords:
     tilt: tuple[float, float] | None = option(
         None,
         optional(_tilt),
-        "Only surfaces whose tilt is in this range: 0 faces up, 90 is upright, 180 faces down.",
+        "Only surfaces with these tilts: 0 faces up, 90 is upright, 180 faces down.",
         kind=str | None,
         note="all",
         metavar="FROM:TO",

@@ -7,7 +7,7 @@ import numpy as np
 
 from ...base.wording import counted, percent, some_of
 from ..sheets.method_facts import above_text, minutes_text, place_facts, unit_of
-from ..sheets.page import FAINT, Column, Rect
+from ..sheets.page import FAINT, Rect, TextColumn
 from ..sheets.units_text import area_text, unit_text
 from .map_scale import MapScale, map_scale
 
@@ -74,7 +74,7 @@ def shows_points(table: Any) -> bool:
     return table.sensors.kind == "points" and table.row_of_face is None
 
 
-def draw_legend(panel: Column, table: Any, scale: MapScale, values: np.ndarray, lines: list[SightLine]) -> None:
+def draw_legend(panel: TextColumn, table: Any, scale: MapScale, values: np.ndarray, lines: list[SightLine]) -> None:
     """Draw the legend: classes with their shares, or a bar that ends at the extremes, and the median."""
     known = np.isfinite(values)
     if lines:
@@ -119,7 +119,7 @@ def _number(scale: MapScale, value: float) -> str:
     return scale._replace(unit="").text(value)
 
 
-def _draw_bar(panel: Column, scale: MapScale) -> None:
+def _draw_bar(panel: TextColumn, scale: MapScale) -> None:
     """Draw the colours of a scale above its numbers."""
     at = panel.take(11.0)
     if at is None:
@@ -137,7 +137,7 @@ def _draw_bar(panel: Column, scale: MapScale) -> None:
 
 
 def _draw_keys(
-    panel: Column,
+    panel: TextColumn,
     table: Any,
     named: list[tuple[float, str]],
     markers: Sequence[str],
@@ -155,7 +155,7 @@ def _draw_keys(
         panel.key(tuple((scale.colours(np.array([value]))[0] / 255.0).tolist()), text, marker)
 
 
-def _draw_line_keys(panel: Column, lines: list[SightLine]) -> None:
+def _draw_line_keys(panel: TextColumn, lines: list[SightLine]) -> None:
     for visible, name in ((True, "visible"), (False, "not visible")):
         colour, dashes = LINES[visible]
         count = sum(line.visible == visible for line in lines)

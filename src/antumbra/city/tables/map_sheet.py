@@ -25,7 +25,7 @@ from ..sensors.surface_groups import face_types
 from ..sheets.map_frame import Extent, MapFit, bounds_of, draw_frame, fit_map
 from ..sheets.map_labels import draw_labels, spread_points
 from ..sheets.method_facts import unit_of
-from ..sheets.page import DPI, FAINT, INCH, INK, Column, Page
+from ..sheets.page import DPI, FAINT, INCH, INK, Page, TextColumn
 from ..sheets.scene_plan import (
     bounds_of_scene,
     brightness,
@@ -36,7 +36,7 @@ from ..sheets.scene_plan import (
     outlines_of,
     wall_lines,
 )
-from ..sheets.sheet import Report, save_report
+from ..sheets.sheet import SheetContent, save_report
 from ..sheets.sheet_options import Sheet
 from ..sheets.units_text import unit_text
 from .false_colours import column_values, heading_of
@@ -83,7 +83,7 @@ def save_map(table: Any, path: Path, column: str, sheet: Sheet) -> None:
     save_report(path, table_report(table, column, sheet), sheet)
 
 
-def table_report(table: Any, column: str, sheet: Sheet, lines: Sequence[SightLine] = ()) -> Report:
+def table_report(table: Any, column: str, sheet: Sheet, lines: Sequence[SightLine] = ()) -> SheetContent:
     """The content of the map sheet of a column of a `Table`.
 
     lines : lines of sight to draw
@@ -101,7 +101,7 @@ def table_report(table: Any, column: str, sheet: Sheet, lines: Sequence[SightLin
     draw = partial(_draw_map, table, column, _labels(table, sheet), list(lines))
     margin = _POINT_MARGIN if shows_points(table) else _MARGIN
     counts = [sensor_fact(table), *mark_facts(table)]
-    return Report(
+    return SheetContent(
         heading, about, draw, extent, core, unit_of(about), margin, partial(tables_of, table), counts, table.scene
     )
 
@@ -213,7 +213,7 @@ def _draw_map(
         draw_outlines(axes, outlines_of(table.scene, fit.extent))
     left_out = _draw_lines(axes, lines, fit) if lines else _draw_marks_and_labels(axes, table, labels, fit)
     draw_frame(page, axes, fit, unit_of(about), float(about.get("north", 0.0)), "latitude" in about)
-    panel = Column(page, fit.layout.panel)
+    panel = TextColumn(page, fit.layout.panel)
     chosen = table.columns[column]
     panel.lines(f"{column} [{unit_text(chosen.unit)}]" if chosen.unit else column, 10, weight="bold")
     panel.gap(1.5)

@@ -1,7 +1,7 @@
 """`from_trees`: vegetation from geographic data, alone or added to a scene."""
 
 import warnings
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,9 @@ from ...scene.scene_data import MemoryData, group_notes
 from ...scene.units import checked_unit
 from .crowns import CrownMeshes
 from .vegetation_table import Plants, VegetationLike, VegetationOptions, read_vegetation
+
+if TYPE_CHECKING:
+    from ...engine.paged_scene import PagedScene
 
 
 def from_trees(
@@ -36,7 +39,7 @@ def from_trees(
     crs: str | None = None,
     unit: str | None = None,
     name: str | None = None,
-) -> Scene:
+) -> "Scene | PagedScene":
     """Plants as closed crowns on trunks, which let a share of the light pass; alone, or added to a scene.
 
     Lengths are in the unit of the coordinates. Each of `height`, `radius`, `base`, `crown_base` and `trunk_radius` is a
@@ -55,7 +58,8 @@ def from_trees(
         The share of the light that a whole crown lets pass, from 0 to 1; shares of red, green and blue; one of these
         for each month from January to December; or the name of a column of shares.
     scene : Scene, or anything that `load` takes, optional
-        The scene to which the plants are added; it stays unchanged. It must be in memory, without instances.
+        The scene to which the plants are added; it stays unchanged. It must have no instances. A store keeps its frame,
+        to which the plants, in memory, are rounded, and its default camera fits all of them.
     shape : "ellipsoid" or "cone"
         Shape of the crowns: 48 or 14 triangles.
     base : number, str, or (n,) float, optional
@@ -77,7 +81,7 @@ def from_trees(
 
     Returns
     -------
-    Scene
+    Scene, or PagedScene for a store
         Each plant is an object of the type "SolitaryVegetationObject", after those of `scene`. Without a scene, +Z is
         up.
 
@@ -85,7 +89,7 @@ def from_trees(
     ------
     InputError
         If the table cannot be read, a column is missing, a number is missing or out of range, a tree has no surface
-        under it, a CRS differs from the scene's, or the scene is in a store or has instances.
+        under it, a CRS differs from the scene's, or the scene has instances.
 
     Notes
     -----
@@ -99,10 +103,8 @@ def from_trees(
     options = VegetationOptions(
         height, radius, transmittance, shape, base, crown_base, trunk_radius, id, layer, crs, of_length
     )
-    if below is not None:
-        below.data.check_resident()
-        if below.data.instanced:
-            raise InputError(f"{below.name}: trees are not added to instances; load it with instances=False")
+    if below is not None and below.data.instanced:
+        raise InputError(f"{below.name}: trees are not added to instances; load it with instances=False")
     table = read_vegetation(trees, options, None if below is None else below.crs)
     up = "z" if below is None else below.up
     if below is not None:
@@ -115,10 +117,14 @@ def from_trees(
     data = MemoryData(source, name=title, up=up, crs=system, unit=of_length)
     if below is None:
         return Scene.of_data(data)
-    joined = join_data(cast(MemoryData, below.data), data, title)
     for note in group_notes(data.notes):
         warnings.warn(note, UserWarning, stacklevel=2)
-    return Scene.of_data(joined)
+    if below.data.resident:
+        return Scene.of_data(join_data(cast(MemoryData, below.data), data, title))
+    from ...engine.paged_scene import PagedScene  # imported late: scenes in memory start sooner without it
+    from ...store.extended_store import ExtendedStoreData
+
+    return PagedScene.of_data(ExtendedStoreData(cast(PagedScene, below).data, data, title))
 
 
 def _feet(table: Plants, scene: AnyScene | None, up: str) -> NDArray[np.float64]:

@@ -24,7 +24,7 @@ from ...scene.materials import MONTHS
 from ...scene.units import LengthUnit
 from ..gis.csv_rows import check_fields, check_header
 from ..gis.length_texts import LENGTH_FORMS, lengths_in
-from ..gis.vector_table import MOST_NAMES, TableRows, given_numbers, id_column, read_layer
+from ..gis.vector_table import MOST_NAMES, NamedRows, given_numbers, id_column, read_layer
 from .crowns import SHAPES, CrownShapes
 
 SUFFIXES = (".gpkg", ".geojson", ".shp", ".fgb", ".parquet", ".csv")
@@ -77,8 +77,8 @@ class _PlantRows(NamedTuple):
     unit: LengthUnit | None = None  # of the coordinates, if no CRS names it
 
     @property
-    def names(self) -> TableRows:
-        return TableRows(self.file, "tree", len(self.plan))
+    def names(self) -> NamedRows:
+        return NamedRows(self.file, "tree", len(self.plan))
 
     @property
     def metres(self) -> float:

@@ -21,7 +21,7 @@ class ViewFactorSurfaces:
     per: Grouping = option(
         "surface",
         unchecked,
-        "What a surface is; surface: a semantic surface of CityJSON, otherwise a planar part of an object.",
+        "What counts as a surface. surface: a semantic surface of CityJSON, otherwise a planar part of an object.",
         kind=Literal["face", "surface", "object", "building"],
     )
     """As in `surface_groups`."""
@@ -33,10 +33,12 @@ class ViewFactorKeywords:
 
     samples: int = option(4096, WholeNumber(64, MOST_SAMPLES), "Rays per surface, rounded up to a power of two.")
     """Rays per surface, from 64 to 4194304; rounded up to a power of two."""
-    side: str = option("front", Choice(SIDES), "Side of the faces; back: for rooms whose faces point outwards.")
+    side: str = option(
+        "front", Choice(SIDES), "Side of faces that radiates. back: for rooms whose faces point outwards."
+    )
     """The side of the faces that radiates and receives. "front" is the side from which corners run counterclockwise:
     the outer side of buildings. For a room whose faces point outwards, use "back"."""
-    seed: int = option(0, WholeNumber(0, (1 << 63) - 1), "Of the sample points.", hides_limit=True)
+    seed: int = option(0, WholeNumber(0, (1 << 63) - 1), "Seed of the sample points.", hides_limit=True)
     """Of the random shifts of the sample points. The same seed gives the same result, with any number of threads."""
     time: float = same_option(RenderOptions, "time", start=0.0)
     threads: int | None = same_option(EngineOptions, "threads")

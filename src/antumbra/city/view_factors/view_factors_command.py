@@ -29,8 +29,8 @@ _SUFFIXES = ".npz", ".csv"  # as in `city.view_factors.view_factor_matrix`, whic
 class ViewFactorsCommand(StudyCommand[ViewFactorOptions, "list[tuple[ViewFactors, float]]"]):
     """Compute view factors between surfaces and the sky.
 
-    F_ij is the share of the diffuse radiation leaving surface i that arrives at surface j. Each row also has the shares
-    of the sky, of the ground below the horizon, and of other faces: the backs of surfaces. Each row sums to 1.
+    F_ij is the fraction of the diffuse radiation leaving surface i that arrives at surface j. Each row also has the
+    fractions that arrive at the sky, at the ground below the horizon, and at the backs of surfaces. It sums to 1.
 
     \b
     Outputs
@@ -47,7 +47,7 @@ class ViewFactorsCommand(StudyCommand[ViewFactorOptions, "list[tuple[ViewFactors
     scene: SceneArgument = DEFAULT_SCENE
     reciprocal: Annotated[
         bool,
-        typer.Option("--reciprocal", help="Adjust the factors, so that A_i F_ij = A_j F_ji holds exactly."),
+        typer.Option("--reciprocal", help="Make the factors reciprocal. A_i F_ij = A_j F_ji then holds exactly."),
         ListedBefore("seed"),
     ] = False
     before: BeforeOption = False

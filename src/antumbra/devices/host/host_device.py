@@ -68,6 +68,7 @@ class HostDevice(Device):
     """
 
     kind, form = "host", "ptx"
+    in_host_memory = True
 
     def __init__(self, ordinal: int = 0, max_memory: int | None = None) -> None:
         super().__init__(ordinal, platform.machine(), "PTX by LLVM", max_memory)

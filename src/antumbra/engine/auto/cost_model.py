@@ -34,8 +34,8 @@ _LOST_IN_GOOD = 0.5  # the part of the time lost in a QUICK tree that is also lo
 _GOOD_OVERHEAD = 0.12  # relative increase of the trace time in a GOOD tree over a BEST one
 _MAX_BEST_TRIANGLES = 1 << 24  # `reinsert` takes about 100 bytes per triangle while it runs
 _REFIT = 15.0  # nanoseconds per triangle
-_MARK, _MARK_RECEIVER, _MARK_LIGHT = 8e5, 5.0, 6e5  # culling: nanoseconds in all, per receiver and per light
-_SELECT = 6.0  # culling: nanoseconds per triangle of the scene
+_MARK, _MARK_RECEIVER, _MARK_LIGHT = 8e5, 9.0, 6e5  # culling: nanoseconds in all, per receiver and per light
+_SELECT = 14.0  # culling: nanoseconds per triangle of the scene
 _MORTON_CAPACITY = 1 << 18  # triangles that the Morton cells of QUICK can separate
 
 

@@ -4,6 +4,7 @@
 - `in_memory_source`: scenes in memory, and their ray lists
 - `instanced_source`: scenes of instances
 - `paged_source`: scenes in stores: bands, ray lists, trees
+- `paged_views`: small images of scenes in stores
 - `paged_hits`: all hits of ray lists in stores
 - `point_shadows`: shadow rays of points through trees
 - `terrain_shadows`: points and ray lists over rasters of heights, without a tree

@@ -17,7 +17,7 @@ from ...base.errors import InputError
 from ...base.forks import is_stuck, renew_after_fork
 from ...query.closed_surfaces import closed_surfaces
 from ...query.pixel_refinement import subpixel_rays
-from ...query.query_bounds import bounds, triangle_box
+from ...query.query_bounds import triangle_box
 from ...query.ray_list import RayArguments, TracedRays, hit_arrays
 from ...query.shadow_query import Surfaces, surfaces_of
 from ...query.surface_caps import surface_caps
@@ -158,11 +158,13 @@ class RayLists:
 
     def _bodies_of(self, triangles: Triangles, time: float) -> Bodies:
         precompile("ray queries")
-        precompile("all hits")
+        precompile("contains")
         vertices, cutouts = triangles.vertices, triangles.cutouts
         shown = None if cutouts is None else np.union1d(cutouts.solid, cutouts.faces)
         open_edges, once = closed_surfaces(vertices if shown is None else vertices[shown])
-        bodies = Bodies(triangle_box(triangles, self._threads), open_edges, self._count_insides, time)
+        box = triangle_box(triangles, self._threads)
+        axis = np.eye(3)[np.argmin(box[1] - box[0])]  # along which rays meet the fewest faces
+        bodies = Bodies(box, open_edges, self._count_insides, time, axis)
         kept = once if shown is None or once is None else shown[once]
         if once is not None:
             tracer = self._tracer_of(triangles._replace(solid=kept))
@@ -172,14 +174,26 @@ class RayLists:
             drawn = shown if kept is None else kept
             corners = surface_caps(vertices if drawn is None else vertices[drawn])
             if corners is not None:
-                bodies = bodies._replace(caps=self._caps_of(corners, triangles.origin))
+                above = corners.reshape(-1, 3).mean(axis=0) @ axis > box.mean(axis=0) @ axis
+                away = -axis if above else axis
+                bodies = bodies._replace(along=away, caps=self._caps_of(corners, triangles.origin, away, box))
         return bodies
 
-    def _caps_of(self, corners: NDArray[np.float32], origin: NDArray[np.float64]) -> Caps:
-        """Caps, from their (n, 3, 3) corners."""
+    def _caps_of(
+        self,
+        corners: NDArray[np.float32],
+        origin: NDArray[np.float64],
+        along: NDArray[np.float64],
+        box: NDArray[np.float32],
+    ) -> Caps:
+        """Caps, from their (n, 3, 3) corners.
+
+        along : (3,), of the first rays
+        box : (2, 3), bounds of the scene
+        """
         n = len(corners)
         caps = Triangles(corners, origin, np.arange(n, dtype=np.int32), np.ones((n, 3), np.float32))
-        return Caps(self._tracer_of(caps), np.stack(bounds(corners, self._threads)))
+        return Caps(self._tracer_of(caps), corners, along, box)
 
     def _count_insides(self, rays: RayArguments, threads: int) -> NDArray[np.int64]:
         return self.count_hits(rays, INSIDE, threads)

@@ -10,7 +10,7 @@ both would read every chunk. The chunks of a band fit in memory, so its shadow r
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property, partial
-from typing import ClassVar, NamedTuple, NoReturn, cast
+from typing import Any, ClassVar, NamedTuple, NoReturn, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,12 +28,13 @@ from ...query.query_bounds import morton_codes
 from ...query.ray_list import HitArrays, RayArguments, RayArrays, TracedRays, changed_error, hit_arrays
 from ...query.ray_passes import RayPass, camera_pass, rays_through
 from ...query.shadow_query import Surfaces
-from ...scene.camera import ExplicitRays
+from ...scene.camera import Camera, ExplicitRays
 from ...scene.scene_data import SceneData
 from ...scene.triangles import AllHits, Triangles, concatenate
 from ...store.chunk_residency import Paging, RangeMemory, Residency, TriangleCopies, hit_slots, slot_starts
 from ...store.store_data import StoreData
-from ...store.store_file import FaceRange, Store, top_tree
+from ...store.store_directory import top_tree
+from ...store.store_file import FaceRange, Store
 from ...store.system_resources import MAX_MEMORY, release_freed, resident_memory
 from ...techniques.chcrt.chc_rt import ChcRtRanges, ChcRtState, camera_hits, nearest_hits, ray_hits
 from ...techniques.chcrt.chcrt_tracer import ChcRtTracer
@@ -45,6 +46,7 @@ from ...trace.rays.local_rays import local_pass, local_rays
 from ...trace.rays.ray_hits import hit_surfaces
 from ...trace.tree_list import Hits
 from ..accelerator import Accelerated, Accelerator, SceneTrees
+from ..device_tracers import device_tracer
 from ..plan import Plan
 from ..precompilation import precompile
 from ..primary_visibility import RAYS
@@ -220,6 +222,7 @@ _CHUNKS_AT_ONCE = 256  # chunks whose triangles are numbered together
 _NO_SLOTS = np.empty(0, np.int64)
 BAND_FACTOR = 4  # bands pay off if a frame reads more than this multiple of the budget: neighbours share some chunks
 RESERVED = 48 << 20  # bytes reserved for small allocations
+DEVICE_CHUNKS = 8 << 30  # bytes of chunks on a device, at most
 
 
 def _no_hits_of(n: int, any_hit: bool, store: Store) -> HitArrays:
@@ -269,6 +272,7 @@ class Paged:
         find_cutouts: Callable[[int, int], PagedCutouts | None],
     ):
         plan, max_memory = accelerator.plan, settings.max_memory
+        self._device = plan.device
         tracer, builds = plan.tracer, plan.cull or plan.optimise or plan.update or plan.build != Plan().build
         if builds or not isinstance(tracer, ChcRtTracer):
             raise InputError(
@@ -290,6 +294,30 @@ class Paged:
         scheduled = states[0] if store.ranges[0].is_all else ChcRtRanges(states, numbers)
         self._ranges = list(zip(store.ranges, states))
         self._scheduled, self._find_cutouts = scheduled, find_cutouts
+        self._start_traffic: Any = None  # the counts of the device when the frame began
+
+    @cached_property
+    def on_device(self) -> Any:
+        """The chunks in the memory of a device: a `techniques.chcrt.device_residency.DeviceResidency`.
+
+        None: the plan names no device. It is opened when the first frame begins.
+        """
+        return None if self._device is None else self._open_device(self._device)
+
+    def _open_device(self, name: str) -> Any:
+        from ...techniques.chcrt.device_parts import OnDeviceParts  # imported late: most engines use no device
+        from ...techniques.chcrt.device_residency import DeviceResidency
+        from ...trace.device.tree_list_tracer import TiledTracer
+
+        store, host, device = self.store, self.residency, device_tracer(name).device
+        budget = min(DEVICE_CHUNKS, device.room() * 3 // 4)
+        if device.in_host_memory:
+            budget = min(budget, self.max_memory // 8)
+        there, tracer = DeviceResidency(device, host, host.tree, len(store), budget), TiledTracer(device)
+        for each, state in self._ranges:
+            memory = there if each.is_all else RangeMemory(there, each.chunks)
+            state.on_device = OnDeviceParts(tracer, state.parts._replace(trees=there.trees[each.chunks], memory=memory))
+        return there
 
     @cached_property
     def cutouts(self) -> PagedCutouts | None:
@@ -325,7 +353,7 @@ class Paged:
 
     def warm_up(self) -> None:
         precompile("scenes in a store")
-        if self.store.has_cutouts:
+        if self.scene.has_cutouts:
             precompile("cut-outs")
 
     def begin(self, memory: FrameMemory) -> None:
@@ -334,6 +362,9 @@ class Paged:
         self.residency.begin_question()  # before memory is measured
         release_freed()
         prepared = self.accelerated.prepared  # the cut-outs are read before memory is measured
+        if self.on_device is not None:
+            self._start_traffic = self.on_device.traffic
+            self.on_device.trim()
         free = self._budget_with_looks(memory)
         together, cells = min(free // 2, memory.passes), min(free // 8, memory.cells)
         self._joint_budget, prepared.room = together, cells
@@ -410,13 +441,17 @@ class Paged:
 
     @property
     def bounds(self) -> NDArray[np.float32]:
-        return self.store.meta.box
+        return self.scene.box
 
     def paging(self) -> dict[str, int]:
-        """Counts of chunks read and evicted in this frame."""
+        """Counts of chunks read and evicted in this frame; of those on a device, by ``device_`` and their names."""
         now, before = self.residency.paging, self._start_paging
         assert before is not None
-        return {name: a - b for name, a, b in zip(now._fields, now, before)}
+        counts = {name: a - b for name, a, b in zip(now._fields, now, before)}
+        if self.on_device is not None:
+            there, begun = self.on_device.traffic, self._start_traffic
+            counts |= {f"device_{name}": a - b for name, a, b in zip(there._fields, there, begun)}
+        return counts
 
     def bands(self, height: int) -> Iterator[slice]:
         budget = self.residency.budget
@@ -432,18 +467,24 @@ class Paged:
             passes = [camera_pass(cast(ExplicitRays, camera.view(self.scene.origin)), rows)]
             shape = rows.stop - rows.start, camera.width
             surfaces = next(self._surfaces_hit(passes, shape, progress))
-            self._camera_mark = self.residency.paging.bytes
-            return surfaces
+        else:
+            surfaces = self.see(camera, rows, progress)
+        self._camera_mark = self.residency.paging.bytes
+        return surfaces
+
+    def see(
+        self, camera: Camera, rows: slice, progress: ProgressCallback | None = None, only_solid: bool = False
+    ) -> Surfaces:
+        """The surfaces visible in some rows of a perspective camera; `only_solid`: without cut-outs."""
         rays, signed = camera.rays(self.scene.origin), len(self._ranges) > 1
         trace = lambda _, state: [camera_hits(state, rays, self.threads, progress, rows, signed)]
         triangles, (hits,) = self._first_hits(trace, self.threads)
-        if self.cutouts is not None:
+        if self.cutouts is not None and not only_solid:
             of_band = np.zeros((camera.height, camera.width), np.bool_)
             of_band[rows] = True
             triangles, hits = self._shown(rays_through(rays, of_band, self.threads), hits, triangles)
         gbuffer = from_hits(hits.triangle, hits.t, triangles, rays, self.threads, rows.start)
-        self._camera_mark = self.residency.paging.bytes
-        return Surfaces(gbuffer, triangles, hits.face, self.store.meta.box)
+        return Surfaces(gbuffer, triangles, hits.face, self.scene.box)
 
     def nearest(
         self, passes: Sequence[RayPass], shape: tuple[int, int], by: ChcRtState | None = None
@@ -474,7 +515,7 @@ class Paged:
             if self.cutouts is not None:
                 shown, hit = self._shown(rays, hit, triangles)
             gbuffer = hit_surfaces(rays, hit.triangle.reshape(-1), hit.t.reshape(-1), shape, shown, self.threads)
-            yield Surfaces(gbuffer, shown, hit.face, self.store.meta.box)
+            yield Surfaces(gbuffer, shown, hit.face, self.scene.box)
 
     def _shown(self, rays: RayPass, hits: FirstHits, triangles: Triangles) -> tuple[Triangles, FirstHits]:
         """The triangles and the hits of a pass, with cut-outs where they are nearer."""
@@ -538,7 +579,7 @@ class Paged:
 
     def bodies(self, time: float) -> Bodies:
         """The surfaces as they are drawn: open edges and faces drawn twice would need all of them in memory."""
-        return Bodies(self.store.meta.box, None, lambda rays, threads: self.count_hits(rays, INSIDE, threads), time)
+        return Bodies(self.scene.box, None, lambda rays, threads: self.count_hits(rays, INSIDE, threads), time)
 
     def closest_points(self, points: NDArray[np.float32], time: float, threads: int) -> NoReturn:
         raise InputError(
@@ -639,15 +680,15 @@ class SharedStore:
     def _find_cutouts(self, max_memory: int, threads: int) -> PagedCutouts | None:
         """The cut-outs, which are read once. InputError if they do not fit in `max_memory` bytes."""
         data = self._data
-        if self._cutouts is None and data.store.has_cutouts:
-            if (need := data.store.cutout_bytes() + RESERVED) > max_memory:
+        if self._cutouts is None and data.has_cutouts:
+            if (need := data.cutout_bytes + RESERVED) > max_memory:
                 raise InputError(
                     f"{data.name}: {max_memory >> 20}M of memory is not enough for the faces that let light pass, "
                     f"which take {need >> 20}M; give at least twice as much, or build it with ?cutouts=off"
                 )
-            if data.cutouts is not None:
-                assert data.stored_cutouts is not None
-                self._cutouts = PagedCutouts(data.stored_cutouts, data.origin, threads)
+            stored = data.stored_cutouts
+            if stored is not None and len(stored.cutouts.faces):
+                self._cutouts = PagedCutouts(stored, data.origin, threads)
         return self._cutouts
 
     def flat(self) -> SceneTrees:

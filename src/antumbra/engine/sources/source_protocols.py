@@ -58,6 +58,7 @@ class Bodies(NamedTuple):
     open_edges: int | None  # that an odd number of faces share; None: not counted
     crossings: Callable[[RayArguments, int], NDArray[np.int64]]  # counts of rays by the rule INSIDE, on some threads
     time: float  # seconds: that of the rays
+    along: NDArray[np.float64] | None = None  # (3,) the axis along which rays are fastest; None: upwards
     caps: Caps | None = None  # that close the surfaces; None: rays through the surfaces vote
 
 

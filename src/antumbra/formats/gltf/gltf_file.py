@@ -51,7 +51,7 @@ Buffers = list[Buffer | None]
 """The buffers of a file; None: it has no data."""
 
 
-class Scratch:
+class ScratchFile:
     """A scratch file for decompressed data, which is removed with this object."""
 
     def __init__(self) -> None:
@@ -74,7 +74,7 @@ class GltfDocument(NamedTuple):
     folder: Path
     root: Fields
     buffers: Buffers
-    scratch: Scratch | None = None  # takes what is decompressed; None: that stays in memory, and so do the buffers
+    scratch: ScratchFile | None = None  # takes what is decompressed; None: that stays in memory, and so do the buffers
 
 
 def open_gltf(path: Path, streamed: bool = False) -> GltfDocument:
@@ -84,6 +84,8 @@ def open_gltf(path: Path, streamed: bool = False) -> GltfDocument:
     """
     data, file = FileBytes(path), path.name
     text, binary = split_glb(data, file) if bytes(data[:4]) == GLB_MAGIC else (bytes(data), None)
+    if text[:64].lstrip(b"\xef\xbb\xbf \t\r\n")[:1] not in (b"{", b"[", b""):
+        raise InputError(f"{file}: is not a glTF file, which begins with glTF or a brace; export it again")
     root = parse(text, file)
     _check_version(root)
     _check_extensions(root)
@@ -93,7 +95,7 @@ def open_gltf(path: Path, streamed: bool = False) -> GltfDocument:
             if uri is not None and not is_data_uri(uri):
                 sibling(path.parent, uri, fields.place("uri"))
     buffers = [_buffer(b, i, binary, path.parent) for i, b in enumerate(root.objects("buffers"))]
-    scratch = Scratch() if streamed and _n_elements(root) > FEW_ELEMENTS else None
+    scratch = ScratchFile() if streamed and _n_elements(root) > FEW_ELEMENTS else None
     if scratch is None:
         buffers = [None if buffer is None else in_memory(buffer) for buffer in buffers]
     return GltfDocument(file, path.parent, *decompress_views(root, buffers, scratch), scratch)
@@ -227,7 +229,7 @@ def is_fallback(buffer: Fields) -> bool:
     return any(extension is not None and extension.flag("fallback") for extension in extensions)
 
 
-def decompress_views(root: Fields, buffers: Buffers, scratch: Scratch | None) -> tuple[Fields, Buffers]:
+def decompress_views(root: Fields, buffers: Buffers, scratch: ScratchFile | None) -> tuple[Fields, Buffers]:
     """A file without compressed buffer views: (JSON, buffers). Unchanged if it has none.
 
     scratch : takes the views, one after the other; None: memory does
@@ -271,7 +273,7 @@ def _extension(view: Fields) -> Fields | None:
     return next((found for name in MESHOPT_EXTENSIONS if (found := view.extension(name)) is not None), None)
 
 
-def _spilled(library: ModuleType, view: Fields, extension: Fields, buffers: Buffers, scratch: Scratch) -> FileBytes:
+def _spilled(library: ModuleType, view: Fields, extension: Fields, buffers: Buffers, scratch: ScratchFile) -> FileBytes:
     """Decompress a view into a scratch file."""
     count, stride = extension.whole("count"), extension.whole("byteStride", low=1, high=257)
     check_reading(count * stride + extension.whole("byteLength", low=1), extension.where, cure=CURE)

@@ -100,7 +100,7 @@ _TextureKey: TypeAlias = tuple[int, int, int, bool, bool, bool]
 """An image, its wrap modes, whether the nearest texel is shown, whether alpha matters, and whether it holds data."""
 
 
-class Materials:
+class GltfMaterials:
     """The materials of a document. Materials with the same texture share its image. Unreadable textures are pink."""
 
     def __init__(self, document: GltfDocument):

@@ -13,7 +13,7 @@ from ...scene.materials import MeshAppearance, look_of, mean_colours, pbr_of
 from ...scene.mesh import Mesh, check_faces, check_finite, distinct_vertices, n_faces, used_faces
 from ..json_fields import Fields
 from .accessors import Accessors, Rows, decompress
-from .gltf_materials import Materials
+from .gltf_materials import GltfMaterials
 
 # --- Primitives: triangles, strips and fans ---------------------------------------------------------------------------
 
@@ -41,7 +41,7 @@ class Primitive(NamedTuple):
         return n_faces(self.mesh.positions, self.mesh.faces)
 
 
-class Triangles(NamedTuple):
+class PrimitiveTriangles(NamedTuple):
     """How the vertices of a primitive form triangles."""
 
     where: str  # name of the primitive in errors
@@ -86,7 +86,7 @@ class Triangles(NamedTuple):
         return np.stack([i + 1, i + 2, i * 0], axis=1)
 
 
-def triangles_of(fields: Fields, accessors: Accessors) -> Triangles | None:
+def triangles_of(fields: Fields, accessors: Accessors) -> PrimitiveTriangles | None:
     """The triangles of a primitive, decompressed; None if it has none (points, lines)."""
     decompress(fields, accessors)
     mode = fields.whole("mode", TRIANGLES, high=7)
@@ -102,7 +102,7 @@ def triangles_of(fields: Fields, accessors: Accessors) -> Triangles | None:
             f"{fields.where} has {counted(count, 'corner')}, not a multiple of 3; export the mesh triangulated"
         )
     n = count // 3 if mode == TRIANGLES else max(count - 2, 0)
-    return Triangles(fields.where, mode, n_vertices, corners, n) if n else None
+    return PrimitiveTriangles(fields.where, mode, n_vertices, corners, n) if n else None
 
 
 class PrimitiveReader:
@@ -113,7 +113,13 @@ class PrimitiveReader:
     """
 
     def __init__(
-        self, fields: Fields, triangles: Triangles, name: str, accessors: Accessors, materials: Materials, place: int
+        self,
+        fields: Fields,
+        triangles: PrimitiveTriangles,
+        name: str,
+        accessors: Accessors,
+        materials: GltfMaterials,
+        place: int,
     ):
         self._fields, self._triangles, self._name, self._place = fields, triangles, name, place
         self._accessors, self._materials = accessors, materials
@@ -125,11 +131,13 @@ class PrimitiveReader:
         attributes = fields.mapping("attributes", len(accessors))
         mask: NDArray[np.bool_] | None = None
         used: Rows
+        numbers: NDArray[np.int64] | None = None
         if chosen is None:
             faces, mask = self._triangles.faces(accessors)
             used = mask
         else:
-            faces, used = self._triangles.some(accessors, chosen)
+            faces, numbers = self._triangles.some(accessors, chosen)
+            used = numbers
 
         def rows(read: Callable[..., np.ndarray], index: int, *kinds: str) -> np.ndarray:
             if (count := accessors.count(index, *kinds)) != n:
@@ -141,7 +149,7 @@ class PrimitiveReader:
         vertices = rows(accessors.floats, attributes["POSITION"], "VEC3")
         check_finite(vertices, fields.where, used if mask is None else np.flatnonzero(mask))
         colour, look = _appearance(fields, attributes, accessors, rows, faces, self._materials, vertices)
-        mesh = Mesh(self._name, vertices, faces, colour, look)
+        mesh = Mesh(self._name, vertices, faces, colour, look, numbers=numbers)
         is_range = chosen is not None and len(chosen) < self.triangles
         return Primitive(mesh, fields.where, targets, joints, weights, mask, self._place, is_range)
 
@@ -185,7 +193,7 @@ def _appearance(
     accessors: Accessors,
     rows: _RowsOf,
     faces: np.ndarray | None,
-    materials: Materials,
+    materials: GltfMaterials,
     vertices: np.ndarray,
 ) -> tuple[NDArray[np.float32], MeshAppearance | None]:
     """(mean base colour, (3,) or (f, 3) float32; Look, or None if the mean colour suffices)."""

@@ -30,7 +30,7 @@ from ..face_ranges import FACES_PER_PIECE
 from ..json_fields import Fields
 from .accessors import Accessors
 from .gltf_file import GltfDocument, open_gltf
-from .gltf_materials import Materials, ignored_fields
+from .gltf_materials import GltfMaterials, ignored_fields
 from .gltf_meshes import (
     Primitive,
     PrimitiveReader,
@@ -146,7 +146,7 @@ class GltfSource:
             mesh = placed.primitive.mesh
             yield Piece(
                 placed.vertices, mesh.faces, mesh.colour, placed.primitive.where, first=placed.first, look=mesh.look,
-                linear=placed.linear, is_range=placed.primitive.is_range,
+                linear=placed.linear, is_range=placed.primitive.is_range, numbers=mesh.numbers,
             )  # fmt: skip
 
     @property
@@ -229,7 +229,7 @@ def read_gltf(path: Path, animation: str | None = None, streamed: bool = False) 
     streamed : leave the faces of a large file on the disk
     """
     document = open_gltf(path, streamed)
-    root, accessors, materials = document.root, Accessors(document), Materials(document)
+    root, accessors, materials = document.root, Accessors(document), GltfMaterials(document)
     nodes = read_nodes(root)
     meshes = [_Mesh(fields, i) for i, fields in enumerate(root.objects("meshes"))]
     mesh_of_node = [f.whole("mesh", None, high=len(meshes)) for f in nodes.fields]
@@ -276,7 +276,7 @@ class _Mesh:
                 check_skin(primitive, skin)
             self._skins.add(index)
 
-    def readers(self, accessors: Accessors, materials: Materials) -> list[PrimitiveReader]:
+    def readers(self, accessors: Accessors, materials: GltfMaterials) -> list[PrimitiveReader]:
         """The primitives with triangles."""
         if self._readers is None:
             accessors.reserve_primitives(self.parts, self.fields.where)
@@ -287,7 +287,7 @@ class _Mesh:
             ]
         return self._readers
 
-    def primitives(self, accessors: Accessors, materials: Materials) -> list[Primitive]:
+    def primitives(self, accessors: Accessors, materials: GltfMaterials) -> list[Primitive]:
         if self._primitives is None:
             self._primitives = [reader.read() for reader in self.readers(accessors, materials)]
         return self._primitives
@@ -299,7 +299,7 @@ class _Mesh:
 def _mesh_nodes(
     document: GltfDocument,
     accessors: Accessors,
-    materials: Materials,
+    materials: GltfMaterials,
     nodes: Nodes,
     meshes: list[_Mesh],
     mesh_of_node: list[int | None],

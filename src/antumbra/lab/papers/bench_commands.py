@@ -434,6 +434,16 @@ class ChcrtOptions(NamedTuple):
         ),
     ] = None
     max_memory: MaxMemoryOption = None
+    in_core: Annotated[
+        float | None,
+        typer.Option(
+            help="Instead of --max-memory: the percentage of the store's chunks that is in memory, beside the rays.",
+            metavar="PERCENT",
+            min=1.0,
+            max=100.0,
+            show_default=False,
+        ),
+    ] = None
     table: Annotated[list[ChcrtTable] | None, table_option()] = None
     plot: Annotated[Path | None, plot_option("the paper's results and ours, bars and curves")] = None
     pictures: Annotated[
@@ -447,12 +457,20 @@ class ChcrtOptions(NamedTuple):
     ] = None
     triangles: Annotated[str, typer.Option(help="Triangles in the city.", metavar="N")] = "12M"
     size: ImageSize = "1920x1080"
+    ablation_size: Annotated[
+        str | None,
+        typer.Option(
+            help="Image size for the ablation, which has few figures in the paper.  [default: --size]",
+            metavar="WxH",
+            show_default=False,
+        ),
+    ] = None
     frames: Annotated[int, typer.Option(help="Frames per walkthrough.", min=1, max=10_000)] = 60
     compared: Annotated[int, typer.Option(help="Frames to time the other plans on.", min=1, max=10_000)] = 3
     limit: Annotated[
         float,
         typer.Option(
-            help="Time limit per walkthrough of Table 2; others get a third. At least four frames run.",
+            help="Time limit per walkthrough of Table 2; others get a third. At least two frames run.",
             metavar="SECONDS",
             min=0.0,
         ),
@@ -487,6 +505,7 @@ def chc_rt(run: BenchRun, options: ChcrtOptions) -> BenchResult:
       antumbra bench chc-rt --store city.antumbra --max-memory 1G
     """
     size = arguments.parse_size(options.size)
+    ablation_size = arguments.parse_size(options.ablation_size or options.size, "--ablation-size")
     store, pictures = options.store, options.pictures
     names = _checked_tables(options)
     memory = None if options.max_memory is None else arguments.parse_bytes(options.max_memory, "--max-memory")
@@ -514,24 +533,28 @@ def chc_rt(run: BenchRun, options: ChcrtOptions) -> BenchResult:
     common = {"size": size, "frames": pace.frames, "compared": pace.compared, "limit": pace.limit}
     common |= {"threads": threads, "clock": clock}
     settings: dict[str, Any] = {table: common for table in chcrt_measurements.tables_of(ChcrtTable)}
+    settings[ChcrtTable.ablation] = {**common, "size": ablation_size}
     parts = run.parts(settings, chcrt_measurements.ROWS, chcrt_measurements.tables_of(names))
     show = (lambda turns: None) if run.silent else chcrt_measurements.show_medians
     policies = POLICIES if ChcrtTable.store in names else POLICIES[:1]
-    plan = chcrt_measurements.ChcrtRun(parts, policies, threads, clock, pace, run.say, show, pictures)
+    plan = chcrt_measurements.ChcrtRun(parts, policies, threads, ablation_size, pace, run.say, show, pictures)
     scenes, in_memory = walkthroughs.scenes(triangles), {*IN_CORE}.intersection(names)
     views = scenes.open([str(store)] if store else options.scene, size, run.say) if store or in_memory else []
-    if store is not None:
-        case = StoreCase(walkthroughs.place_of(views[0]), threads, memory)
-        chcrt_measurements.add_out_of_core(case.place.name, case.store.meta.n_triangles, memory, lambda: case, plan)
-    else:
-        for view in views:
-            walkthroughs.check_in_memory(view)
-        if stored and {*PAGED}.intersection(names):  # first, while the process takes little memory
-            chcrt_measurements.add_temporary_store(stored, size, plan)
-        chcrt_measurements.add_in_memory(map(walkthroughs.place_of, views), plan)
+    with clocked(clock):
+        if store is not None:
+            share = None if options.in_core is None else options.in_core / 100
+            case = StoreCase(walkthroughs.place_of(views[0]), threads, memory, share)
+            store_size = case.store.meta.n_triangles, memory, share
+            chcrt_measurements.add_out_of_core(case.place.name, *store_size, lambda: case, plan)
+        else:
+            for view in views:
+                walkthroughs.check_in_memory(view)
+            if stored and {*PAGED}.intersection(names):  # first, while the process takes little memory
+                chcrt_measurements.add_temporary_store(stored, size, plan)
+            chcrt_measurements.add_in_memory(map(walkthroughs.place_of, views), plan)
     rows, same = chcrt_measurements.rows_of(parts)
     shown = names if run.pictures() is None else tuple(ChcrtTable)
-    answer = {**common, "stored": stored}
+    answer = {**common, "ablation_size": ablation_size, "stored": stored}
     answer |= {name.value: records(table) for name, table in rows.items()}
     peak = max((part.peak_resident or 0 for part in parts.conditions()), default=0)
     answer |= {"differs": chcrt_measurements.differing(rows), "same_answers": same, "peak_resident": peak or None}
@@ -573,6 +596,8 @@ def _checked_tables(options: ChcrtOptions) -> tuple[ChcrtTable, ...]:
     store, tables = options.store, options.table
     if store is None and options.max_memory is not None:
         raise InputError("--max-memory needs --store")
+    if options.in_core is not None and (store is None or options.max_memory is not None):
+        raise InputError("--in-core needs --store, and no --max-memory")
     if store is not None and options.scene:
         raise InputError("--store and --scene cannot be combined")
     in_memory = IN_CORE if store is None else ()

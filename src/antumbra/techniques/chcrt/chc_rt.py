@@ -1,7 +1,9 @@
 """CHC+RT as a tracer: its state between frames, shadow queries, ray passes, and the surfaces that rays hit."""
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from threading import Lock
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +27,14 @@ from .ray_bundles import NO_TARGETS, PassRays, pass_rays
 from .tree_parts import TreeParts, matching_rows, parts_of
 from .visibility_fronts import Fronts, trace_frame
 
+if TYPE_CHECKING:
+    from .device_parts import OnDeviceParts
+
 # --- State between frames, shadow queries and ray passes --------------------------------------------------------------
 
+
+_Call: TypeAlias = tuple[int, tuple[int, ...], int, bool]
+"""A call of a frame: its number, the image's shape, the number of ray sets, and whether they are traced here."""
 
 _UNUSED_FRAMES = 8  # fronts that no call has used for this many frames are evicted
 
@@ -44,11 +52,14 @@ class ChcRtState(TracerState):
         Memory budget in bytes for the cells of ray sets traced in one call; 0: one ray set per call.
     statistics : list of dict
         One entry per call of this frame: see `visibility_fronts.Statistics`.
+    on_device : OnDeviceParts or None
+        Where shadow segments are traced, through parts in the memory of a device; None: all rays are traced here.
     """
 
     def __init__(self, parts: TreeParts, options: ChcRtOptions):
         self.parts, self.options, self.room = parts, options, 0
-        self._fronts: dict[tuple[int, tuple[int, ...], int], tuple[int, Fronts]] = {}  # with the last frame of each
+        self.on_device: OnDeviceParts | None = None
+        self._fronts: dict[_Call, tuple[int, Fronts]] = {}  # with the last frame of each
         self._frame, self._lock = 0, Lock()
         self.begin()
 
@@ -63,12 +74,13 @@ class ChcRtState(TracerState):
     ) -> None:
         """Trace ray sets in one call, starting from the fronts of the same call of the last frame."""
         with self._lock:
-            key = self._calls, shape, rays.sets
+            parts = rays.parts
+            key = self._calls, shape, rays.sets, parts is self.parts
             self._calls += 1
             fronts = self._fronts[key][1] if key in self._fronts else None
-            if self.parts.memory is not None:
-                self.parts.memory.begin_question()
-            fronts = fronts or Fronts(rays.tiles, self.parts, rays.sets, self.options)
+            if parts.memory is not None:
+                parts.memory.begin_question()
+            fronts = fronts or Fronts(rays.tiles, parts, rays.sets, self.options)
             self._fronts[key] = self._frame, fronts
             self.statistics.append(trace_frame(fronts, rays, progress).as_dict(fronts))
 
@@ -174,12 +186,13 @@ def trace_shadows(
         scheduled.trace_shadows(queries, bits, threads, counters, progress)
         return
     parts, options, used, members = scheduled.parts, scheduled.options, 0, list[SegmentRaySets]()
+    make = partial(SegmentRaySets, parts) if scheduled.on_device is None else scheduled.on_device.segments
     inside = None if parts.memory else progress  # out of core, reading parts dominates: report that instead
     n_threads = thread_count(threads)
     asked = [(q, b) for q, b in zip(queries, bits, strict=True) if q.sides.size]  # a block may have no receivers
     steps = [(step, b) for q, b in asked for step in segments_of(parts, q)]
     for i, step in enumerate(steps):
-        members.append(SegmentRaySets(parts, options, *step, n_threads, counters, inside))
+        members.append(make(options, *step, n_threads, counters, inside))
         used += members[-1].rays.cells.nbytes
         if used >= scheduled.room or i == len(steps) - 1:
             scheduled.run(combine_ray_sets(members), queries[0].sides.shape, progress)

@@ -6,7 +6,7 @@ tracer for its kind of rays.
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,7 +120,7 @@ class SegmentRaySets(RaySets):
         progress: ProgressCallback | None = None,
     ):
         query, chunks, self.trace_lists, several = step
-        self.query, self.bits = query, bits
+        self.query, self.bits, self.counters = query, bits, counters
         self.arguments = {"threads": threads, "counters": counters, "progress": progress, "chunks": chunks}
         first = chunks.start * STRATA
         count = min(len(chunks) * STRATA, query.samples.shape[1] - first)
@@ -135,13 +135,20 @@ class SegmentRaySets(RaySets):
         lists, blocking = self.lists(pairs, keys), np.zeros(len(pairs.tile), np.bool_)
         if not (self.fresh or len(lists.tiles)):
             return blocking
-        forest = self.forest(_padded(lists, self.sets), STRATA if self.sets > 1 else 1, self.fresh)
-        self.trace_lists(forest, self.query, self.bits, **self.arguments)
         tiles = np.arange(self.tiles.smallest, dtype=np.int32) if self.fresh else lists.tiles
+        blocking[lists.order] = self.block(lists, tiles)
         shorten(self.rays.cells, self.tiles.spans, tiles, self.segments, self.rays.picture, self.threads)
         self.fresh = False
-        blocking[lists.order] = forest.blockers
         return blocking
+
+    def block(self, lists: Lists, tiles: NDArray[np.int32]) -> NDArray[Any]:
+        """Set the bits of segments that the parts of lists block. Return (n,) 1 for the items that block a segment.
+
+        tiles : those with segments to be traced
+        """
+        forest = self.forest(_padded(lists, self.sets), STRATA if self.sets > 1 else 1, self.fresh)
+        self.trace_lists(forest, self.query, self.bits, **self.arguments)
+        return forest.blockers
 
 
 def _padded(lists: Lists, sets: int) -> Lists:
@@ -248,6 +255,7 @@ class CombinedRaySets:
         self.members = members
         self.ends = np.cumsum([member.sets for member in members])
         self.sets, self.tiles, self.any_hit = int(self.ends[-1]), members[0].tiles, members[0].any_hit
+        self.parts = members[0].parts
 
     def _of_members(self, pairs: Pairs) -> Iterator[tuple[RaySets, Pairs, NDArray[np.int64]]]:
         """Yield (member, its pairs with the member's set numbers, their indices in `pairs`) for all members."""

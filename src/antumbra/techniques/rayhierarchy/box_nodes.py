@@ -39,10 +39,10 @@ from ...kernels.simd import (
     splat16,
     store,
 )
-from ...kernels.vec3 import Vec3, cross, dot, largest, scale3, subtract3
+from ...kernels.vec3 import Vec3, cross, dot, largest, rows, scale3, subtract3
 from . import ray_tree
 from .light_beams import AROUND, PERSPECTIVE, projected16, relative16, turned
-from .ray_leaves import block_of, origins_in
+from .ray_leaves import HUGE, block_of, origins_in
 from .shadow_planes import (
     COVERS,
     INNER,
@@ -340,7 +340,6 @@ def write_point_rows(view, faces, parts, ways, slots, corners, lanes, how, rows,
 # --- Nodes ------------------------------------------------------------------------------------------------------------
 
 ROWS = 6  # numbers per node: the lowest and highest u, v and q
-_HUGE = np.float32(1e30)
 
 
 class Boxes(NamedTuple):
@@ -394,38 +393,33 @@ def _box_of_leaf(view, face, leaves, leaf, group, lane):
     ways, lanes = leaves.ways, get(leaves.lanes, leaf)
     if lanes == 0:
         return False
-    there = mask_from_bits16(lanes)
-    u, v, q = projected16(view, origins_in(leaves, block_of(leaves, leaf)), face)
-    unbounded = mask_from_bits16(0)
-    if view.kind == PERSPECTIVE:
-        unbounded = there & ~((q > _F(0.0)) & (q < _HUGE))  # at the apex
-    _put_range(group, 0, ways, lane, there, u, unbounded)
-    _put_range(group, 2, ways, lane, there, v, unbounded)
-    _put_range(group, 4, ways, lane, there, q, unbounded)
+    there, block, inf = mask_from_bits16(lanes), block_of(leaves, leaf), _F(np.inf)
+    if leaves.width > 0:
+        u, v, q = rows(leaves.points, 48 * block, 16)
+    else:
+        u, v, q = projected16(view, origins_in(leaves, block), face)
+    if view.kind == PERSPECTIVE and bits(there & ~((q > _F(0.0)) & (q < HUGE))) != 0:  # a receiver at the apex
+        _put_box(group, ways, lane, (-inf, -inf, -inf), (inf, inf, inf))
+        return True
+    _put_range(group, 0, ways, lane, there, u, u)
+    _put_range(group, 2, ways, lane, there, v, v)
+    _put_range(group, 4, ways, lane, there, q, q)
     return True
 
 
 @inlined
-def _put_range(group, k, ways, lane, there, x, unbounded):
-    """Write the lowest and highest x of some lanes as numbers k and k + 1 of a node.
-
-    The range is unbounded if any lane of `unbounded` is set.
-    """
-    inf = _F(np.inf)
-    put(group, k * ways + lane, reduce_min(select(unbounded, -inf, select(there, x, inf))))
-    put(group, (k + 1) * ways + lane, reduce_max(select(unbounded, inf, select(there, x, -inf))))
+def _put_range(group, k, ways, lane, there, low, high):
+    """Write the lowest and highest numbers of the lanes that are `there` as numbers k and k + 1 of a node."""
+    put(group, k * ways + lane, reduce_min(select(there, low, _F(np.inf))))
+    put(group, (k + 1) * ways + lane, reduce_max(select(there, high, _F(-np.inf))))
 
 
 @kernel
 def _box_of_nodes(children, alive, ways, group, lane):
     """Write the box around a group."""
-    inf = _F(np.inf)
-    low, high = (inf, inf, inf), (-inf, -inf, -inf)
-    for i in range(ways):
-        if alive >> i & 1:
-            low = lower(low, (get(children, i), get(children, 2 * ways + i), get(children, 4 * ways + i)))
-            high = upper(high, (get(children, ways + i), get(children, 3 * ways + i), get(children, 5 * ways + i)))
-    _put_box(group, ways, lane, low, high)
+    there = mask_from_bits16(alive)
+    for k in range(0, ROWS, 2):
+        _put_range(group, k, ways, lane, there, load16(children, k * ways), load16(children, (k + 1) * ways))
 
 
 @overload(ray_tree.bound_leaf)
@@ -441,7 +435,7 @@ def _bound_node(nodes, children, alive, ways, group, lane):
 
 
 @inlined
-def _height(row, at, u, v, q):
+def height(row, at, u, v, q):
     """f32x16: the value of the plane at position `at` of a row for the points (u, v, q)."""
     f = fma(u, number16(row, at), number16(row, at + 2))
     return fma(q, number16(row, at + 3), fma(v, number16(row, at + 1), f))
@@ -452,7 +446,7 @@ def _not_outside(group, row, at, corner):
     """mask16 of the nodes whose farthest corner is not on the negative side of an outer plane."""
     u, v = load16(group, integer(row, corner)), load16(group, integer(row, corner + 1))
     q = load16(group, integer(row, corner + 2))
-    return ~(_height(row, at, u, v, q) < _F(0.0))
+    return ~(height(row, at, u, v, q) < _F(0.0))
 
 
 @inlined
@@ -480,7 +474,7 @@ def _inside(group, row, at, ways):
     u = load16(group, (0 if number(row, at) > 0 else 1) * ways)
     v = load16(group, (2 if number(row, at + 1) > 0 else 3) * ways)
     q = load16(group, (4 if number(row, at + 3) > 0 else 5) * ways)
-    return _height(row, at, u, v, q) > _F(0.0)
+    return height(row, at, u, v, q) > _F(0.0)
 
 
 @inlined

@@ -39,7 +39,7 @@ class RayHierarchyTracer(Tracer):
 
 def cone_rate(features: QueryFeatures) -> float:
     """Nanoseconds per ray by `cones`, to one apex: of its own, and shares of those per triangle and per query."""
-    return 13.0 + 5.0 * features.facing + (7.0 * features.triangles + 1e6) / max(features.rays, 1)
+    return 10.0 + 5.0 * features.facing + (7.0 * features.triangles + 1e6) / max(features.rays, 1)
 
 
 class FastestCones(RayHierarchyTracer):

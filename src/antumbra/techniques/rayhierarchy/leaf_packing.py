@@ -1,59 +1,33 @@
-"""Packing of receivers into leaves: in any order, by blocks of 4 x 4 pixels, or for lights too wide for one apex.
-
-Blocks of pixels. Pixels adjacent on the screen are nearly always close on a surface, so most blocks make leaves as
-tight as sorting each ray does, with a sixteenth of the keys to sort. Blocks that see several surfaces are cut into
-groups: first by face of the cube around the apex, then at gaps wider than half of the rays' extent in u or v (a flat
-surface has gaps of a third). Each group is a leaf, so some of its lanes are empty.
+"""Packing of receivers into leaves: in any order, or for lights too wide for one apex. `pixel_blocks` packs pictures.
 
 Wide lights. Adjacent pixels use different sample sets, sixteen in all. A leaf therefore has nearby receivers of one
 set and a single sample, so that all its segments end at nearly the same point. Leaves follow a space-filling curve over
 receivers and samples, which makes a node's shaft equally narrow at both ends.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ...kernels.jit import inlined, kernel
-from ...kernels.parallel import CHUNK, items, new_ticket, run_short, shares
+from ...kernels.parallel import items, new_ticket, run_short
 from ...kernels.simd import bits as bits_of
 from ...kernels.simd import (
-    broadcast16,
     gather,
     get,
-    iota16,
     load16,
     lowest_bit,
     mask_from_bits16,
-    minimum,
-    ptr,
     ptr_at,
     put,
-    reduce_max,
-    reduce_min,
     select,
-    splat16,
     stack_f32,
     stack_i32,
-    stack_i64,
     store,
 )
 from ...query.shadow_query import ShadowQuery
-from ...trace.counters import N_COUNTERS, add_counters, cleared
-from .light_beams import (
-    PARALLEL,
-    PERSPECTIVE,
-    Beam,
-    ConeSamples,
-    active_receivers,
-    origins_of,
-    query_bits_of,
-    relative16,
-    view_of,
-)
-from .ray_leaves import PAD, Empty, LeafCut, LeafRays, block_pointers, new_blocks, rays_in
-from .receiver_order import Order, at_apex, cells_of, places_on, scale_of, sort_cells
+from .light_beams import PARALLEL, PERSPECTIVE, Beam, origins_of, query_bits_of
+from .ray_leaves import Empty, LeafCut, LeafRays, block_pointers, new_blocks, rays_in
+from .receiver_order import Order
 
 # --- Leaves of receivers in any order, and removal of finished receivers ----------------------------------------------
 
@@ -140,158 +114,6 @@ def unfinished_rays(
     ids = rays.ids[: unfinished.size].reshape(unfinished.shape)[rays.blocks]
     order = Order(ids[unfinished], np.append(starts[some], starts[-1]), rays.faces[some], False)
     return rays_of(query, beam, order, rays.ways, bits, threads, empty)
-
-
-# --- Blocks of 4 x 4 pixels as leaves ---------------------------------------------------------------------------------
-
-GROUPS = 8  # groups per block, at most; there are six faces
-_PART = 256  # blocks per work item
-_ROOM = _PART * GROUPS + PAD
-_INF = np.float32(np.inf)
-_HALF = np.float32(0.5)
-
-
-class BlockGroups(NamedTuple):
-    """Groups of lanes in blocks. The groups of part i start at i _ROOM."""
-
-    cells: np.ndarray  # (parts _ROOM,) int32: the cell of each group
-    lanes: np.ndarray  # (parts _ROOM,) int32: bits of its lanes
-    blocks: np.ndarray  # (parts _ROOM,) int32: its block
-
-
-@inlined
-def _extent(x, lanes):
-    """(lowest, highest) value of some lanes (bits)."""
-    mask = mask_from_bits16(lanes)
-    return reduce_min(select(mask, x, _INF)), reduce_max(select(mask, x, -_INF))
-
-
-@inlined
-def _beyond_gap(x, lanes, extent):
-    """Bits of the lanes beyond a gap wider than half of the extent, which contains its middle; 0: no gap."""
-    beyond = bits_of(x > (extent[0] + extent[1]) * _HALF) & lanes
-    gap = _extent(x, beyond)[0] - _extent(x, lanes & ~beyond)[1]
-    return beyond if gap > (extent[1] - extent[0]) * _HALF else 0
-
-
-@kernel
-def _cut(face, places, lanes, full, centre):
-    """Bits of the lanes to cut off a group. If none, write the group's centre (u, v) and return 0.
-
-    full : cut by face only
-    """
-    others = lanes & ~bits_of(load16(face, 0) == np.int32(get(face, lowest_bit(lanes))))
-    if others != 0:
-        return others
-    u, v = _extent(load16(places, 0), lanes), _extent(load16(places, 16), lanes)
-    if not full and lanes & (lanes - 1) != 0:
-        along_u = u[1] - u[0] > v[1] - v[0]
-        others = _beyond_gap(load16(places, 0 if along_u else 16), lanes, u if along_u else v)
-    if others == 0:
-        put(centre, 0, (u[0] + u[1]) * _HALF)
-        put(centre, 16, (v[0] + v[1]) * _HALF)
-    return others
-
-
-@kernel
-def _groups(face, places, lanes, groups, centres):
-    """Cut a block's lanes into groups. Write each group's bits, face and centre (u, v); return the number of groups.
-
-    face : pointer to 16 int32; places: to 32 float32, u and v; groups: to 32 int32, bits and faces
-    """
-    n, i = np.int64(lanes != 0), 0
-    put(groups, 0, lanes)
-    while i < n:
-        group = get(groups, i)
-        apart = _cut(face, places, group, n > GROUPS - 6, ptr_at(centres, i))
-        if apart != 0:
-            put(groups, i, group & ~apart)
-            put(groups, n, apart)
-            n += 1
-        else:
-            put(groups, 16 + i, get(face, lowest_bit(group)))
-            i += 1
-    return n
-
-
-@inlined
-def _block_ids(block, w, h, ids):
-    """Write the ids of a block's receivers; return bits of the receivers inside the image."""
-    columns = (w + 3) >> 2
-    y, x = (block // columns * 4) + (iota16() >> 2), (block % columns * 4) + (iota16() & 3)
-    store(ids, 0, minimum(y, np.int32(h - 1)) * np.int32(w) + minimum(x, np.int32(w - 1)))
-    return bits_of((x < np.int32(w)) & (y < np.int32(h)))
-
-
-@inlined
-def _keep(query_bits, blocks, block, ids, o, active):
-    """Write a block's active receivers. The other lanes repeat the position of one of them."""
-    there, one, of = mask_from_bits16(active), lowest_bit(active) & 15, load16(ids, 0)
-    store(blocks.ids, 16 * block, select(there, of, np.int32(-1)))
-    store(blocks.own, 16 * block, gather(query_bits.query.faces, of))
-    for k in range(3):
-        at = 16 * (3 * block + k)
-        store(blocks.origins, at, o[k])
-        store(blocks.origins, at, select(there, o[k], broadcast16(blocks.origins, at + one)))
-
-
-@kernel
-def _write_groups(ticket, query, beam, scale, bits, arrays, block_groups, counts, tally):
-    """Worker: write each block's receivers and its groups (`BlockGroups`)."""
-    query_bits, view = query_bits_of(query, bits), view_of(beam)
-    samples = ConeSamples(beam.first, beam.n_samples, beam.set)
-    h, w = query.sides.shape
-    ids, face, groups, places, centres = stack_i32(16), stack_i32(16), stack_i32(32), stack_f32(32), stack_f32(32)
-    last, blocks = stack_i64(2), block_pointers(arrays)
-    out = BlockGroups(ptr(block_groups.cells), ptr(block_groups.lanes), ptr(block_groups.blocks))
-    thread_counters = cleared(stack_i64(N_COUNTERS))
-    for k in range(0, 32, 16):  # unused lanes are computed too; denormal numbers in them would be slow
-        store(centres, k, splat16(_HALF))
-    put(last, 0, -1)
-    for first, end in shares(ticket):
-        part, total = first // ticket[CHUNK], 0
-        for block in range(first, end):
-            there = _block_ids(np.int32(block), w, h, ids)
-            o = origins_of(query_bits, load16(ids, 0))
-            d = relative16(view, o)
-            active = active_receivers(query_bits, view, samples, ids, there, last, thread_counters) & ~at_apex(view, d)
-            _keep(query_bits, blocks, block, ids, o, active)
-            faces, u, v = places_on(view, scale, d)
-            store(face, 0, faces)
-            store(places, 0, u)
-            store(places, 16, v)
-            n = _groups(face, places, active, groups, centres)
-            at = part * _ROOM + total
-            store(out.cells, at, cells_of(load16(groups, 16), load16(centres, 0), load16(centres, 16)))
-            store(out.lanes, at, load16(groups, 0))
-            store(out.blocks, at, splat16(np.int32(block)))
-            total += n
-        counts[part] = total
-    add_counters(tally, thread_counters)
-
-
-def rays_by_blocks(
-    query: ShadowQuery,
-    beam: Beam,
-    bits: NDArray[np.uint64],
-    threads: int,
-    tally: NDArray[np.int64] | None = None,
-    empty: Empty = np.empty,
-) -> LeafRays:
-    """Make the `LeafRays` of an image's active receivers, selected as in `order_of`."""
-    h, w = query.sides.shape
-    n = -(-h // 4) * -(-w // 4)
-    blocks = new_blocks(n, 16, empty)
-    parts, ticket = -(-n // _PART), new_ticket(n, _PART)
-    block_groups, counts = BlockGroups(*(empty(parts * _ROOM, np.int32) for _ in range(3))), np.zeros(parts, np.int64)
-    run_short(_write_groups, threads, ticket, query, beam, scale_of(beam), bits, blocks, block_groups, counts, tally)
-    gaps = np.arange(parts) * _ROOM - (np.cumsum(counts) - counts)
-    at = np.arange(counts.sum(), dtype=np.int32) + np.repeat(gaps.astype(np.int32), counts)
-    cells = np.zeros(len(at) + PAD, np.int32)
-    np.take(block_groups.cells, at, out=cells[: len(at)])
-    order = sort_cells(cells, at, threads)
-    cut = LeafCut(block_groups.blocks[order.ids], block_groups.lanes[order.ids], order.starts, order.faces, True)
-    return rays_in(query, beam, blocks, cut, bits, threads, empty)
 
 
 # --- Leaves of shafts, for lights too wide for one apex ---------------------------------------------------------------

@@ -16,17 +16,18 @@ from numpy.typing import NDArray
 from ...kernels.exact.filters import dot, max_magnitude, plane
 from ...kernels.jit import U64Ptr, inlined, kernel
 from ...kernels.simd import (
+    as_i32,
     bits,
     fma,
     gather,
     get,
     load16,
     lowest_bit,
-    mask_from_bits16,
+    maximum,
     popcount,
     ptr,
     put,
-    select,
+    splat16,
     stack_i32,
     store,
 )
@@ -322,15 +323,6 @@ def _light_side(query_bits, view, face):
 
 
 @inlined
-def _cached_light_side(query_bits, view, face, last):
-    """`_light_side`, cached with its triangle in `last`, since adjacent pixels mostly see the same triangle."""
-    if get(last, 0) != face:
-        put(last, 0, face)
-        put(last, 1, _light_side(query_bits, view, face))
-    return get(last, 1)
-
-
-@inlined
 def _distance(query_bits):
     """The distance of a distant light."""
     base = query_bits.query.light.base
@@ -340,8 +332,6 @@ def _distance(query_bits):
 @kernel
 def _is_near(query_bits, view, i):
     """Whether a receiver is near its triangle's plane, so that all samples beyond the plane are below its surface."""
-    if view.kind == PERSPECTIVE:  # all receivers have the same ends
-        return True
     z = np.float64(0.0)
     p, n, error = plane(query_bits.query.corners, get(query_bits.query.faces, i), z, z, z)
     o = three_at(query_bits.query.origins, i)
@@ -365,7 +355,7 @@ def _is_active(query_bits, samples, i, counters):
 
 @kernel
 def _set_below_horizon(query_bits, samples, ids, lanes, counters):
-    """Set the bits of all samples of a beam for some lanes."""
+    """Set the bits of all samples of a beam for some lanes; ids: pointer to int32."""
     count(counters, BELOW_HORIZON, samples.n_samples * popcount(lanes))
     while lanes != 0:
         i = get(ids, lowest_bit(lanes))
@@ -375,18 +365,26 @@ def _set_below_horizon(query_bits, samples, ids, lanes, counters):
 
 
 @kernel
-def _sides_of(query_bits, samples, ids, lanes, sides):
-    """Write the sides of 16 receivers, NOTHING for receivers outside `lanes` or of another sample set."""
+def sides_of(query_bits, samples, ids, lanes):
+    """i32x16: the sides of 16 receivers, NOTHING for receivers outside `lanes` (bits) or of another sample set.
+
+    ids : i32x16, indices of the receivers
+    """
+    at, sides = stack_i32(16), stack_i32(16)
+    store(at, 0, ids)
     for lane in range(16):
-        i = get(ids, lane)
-        others = samples.set >= 0 and set_of(query_bits.query, i) != samples.set
+        i = get(at, lane)
+        others = lanes >> lane & 1 == 0 or (samples.set >= 0 and set_of(query_bits.query, i) != samples.set)
         put(sides, lane, NOTHING if others else get(query_bits.query.sides, i))
-    store(sides, 0, select(mask_from_bits16(lanes), load16(sides, 0), np.int32(NOTHING)))
+    return load16(sides, 0)
 
 
 @kernel
 def _active_below_plane(query_bits, view, samples, ids, lanes, counters):
-    """`active_receivers` for receivers that their triangle's plane separates from the light, tested one by one."""
+    """`active_receivers` for receivers that their triangle's plane separates from the light; ids: pointer to int32."""
+    if view.kind == PERSPECTIVE:  # all receivers have the same ends
+        _set_below_horizon(query_bits, samples, ids, lanes, counters)
+        return 0
     active, below = 0, 0
     while lanes != 0:
         lane, i = lanes & -lanes, get(ids, lowest_bit(lanes))
@@ -399,36 +397,68 @@ def _active_below_plane(query_bits, view, samples, ids, lanes, counters):
     return active
 
 
+_NO_SIDE = 3  # of a plane that may pass between the ends
+
+
+def new_light_sides(query: ShadowQuery) -> NDArray[np.int8]:
+    """(n + 4,) int8, zeros: per triangle of a query, `_light_side` of a beam once it is known, 3 if there is none.
+
+    Threads share it: they write equal numbers. Only triangles with receivers are computed, and their memory is used.
+    """
+    return np.zeros(len(query.corners) + 4, np.int8)
+
+
+@inlined
+def _known_sides(light_sides, faces):
+    """i32x16: the numbers of 16 triangles in `new_light_sides`."""
+    at, three = maximum(faces, np.int32(0)), splat16(np.int32(3))
+    words = gather(as_i32(light_sides), at >> np.int32(2))
+    return words << (three - (at & three) << three) >> np.int32(24)  # one byte of each word, with its sign
+
+
 @kernel
-def active_receivers(query_bits, view, samples, ids, lanes, last, counters):
+def _find_sides(query_bits, view, faces, lanes, light_sides):
+    """Write the light's sides of the triangles in some lanes (bits); faces: i32x16."""
+    of = stack_i32(16)
+    store(of, 0, faces)
+    while lanes != 0:
+        face = get(of, lowest_bit(lanes))
+        lanes &= ~bits(faces == np.int32(face))
+        side = _light_side(query_bits, view, face)
+        put(light_sides, face, side if side != 0 else _NO_SIDE)
+
+
+@kernel
+def _active_one_by_one(query_bits, samples, ids, lanes, counters):
+    """`active_receivers`, receiver by receiver; ids: pointer to int32."""
+    active = 0
+    while lanes != 0:
+        lane, i = lanes & -lanes, get(ids, lowest_bit(lanes))
+        lanes ^= lane
+        active |= lane if _is_active(query_bits, samples, i, counters) else 0
+    return active
+
+
+@kernel
+def active_receivers(query_bits, view, samples, ids, sides, light_sides, counters):
     """Bits of the active ones among 16 receivers; sets the answer bits of samples below a receiver's surface.
 
-    ids : pointer to 16 int32, indices of the receivers
-    lanes : bits of the lanes that have a receiver
-    last : pointer to 2 int64, a cache of this function; initialize the first with -1
+    ids, sides : i32x16, indices of the receivers, and their sides from `sides_of`
+    light_sides : pointer to int8, from `new_light_sides`
     """
-    scratch = stack_i32(16)
-    _sides_of(query_bits, samples, ids, lanes, scratch)
-    sides = load16(scratch, 0)
-    valid, active = bits(sides != np.int32(NOTHING)), 0
+    valid, faces, at = bits(sides != np.int32(NOTHING)), gather(query_bits.query.faces, ids), stack_i32(16)
     count(counters, RAYS, samples.n_samples * popcount(valid))
-    faces = gather(query_bits.query.faces, load16(ids, 0))
-    store(scratch, 0, faces)
-    while valid != 0:  # one triangle at a time
-        face, lane, known = get(scratch, lowest_bit(valid)), valid & -valid, 0
-        if face >= 0:
-            known = _cached_light_side(query_bits, view, face, last)
-        if known == 0:
-            valid ^= lane
-            i = get(ids, lowest_bit(lane))
-            active |= lane if _is_active(query_bits, samples, i, counters) else 0
-        else:
-            same = valid & bits(faces == np.int32(face))
-            valid ^= same
-            above = same & bits(sides == np.int32(known))
-            active |= above
-            if same != above:
-                active |= _active_below_plane(query_bits, view, samples, ids, same & ~above, counters)
+    on_face, known = valid & bits(faces >= np.int32(0)), _known_sides(light_sides, faces)
+    unknown = on_face & bits(known == np.int32(0))
+    if unknown != 0:
+        _find_sides(query_bits, view, faces, unknown, light_sides)
+        known = _known_sides(light_sides, faces)
+    active, below = on_face & bits(known == sides), on_face & bits(known == -sides)
+    others = valid & ~(active | below)
+    if below | others != 0:
+        store(at, 0, ids)
+        active |= _active_below_plane(query_bits, view, samples, at, below, counters)
+        active |= _active_one_by_one(query_bits, samples, at, others, counters)
     return active
 
 

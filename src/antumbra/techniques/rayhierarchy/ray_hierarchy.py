@@ -27,8 +27,9 @@ from ..culling.pre_bvh_culling import Soup
 from ..tracer_options import RayHierarchyOptions
 from . import shaft_hierarchy
 from .box_nodes import Boxes
-from .leaf_packing import rays_by_blocks, rays_of, receivers_of, shafts_of, unfinished_rays
+from .leaf_packing import rays_of, receivers_of, shafts_of, unfinished_rays
 from .light_beams import AROUND, PERSPECTIVE, Beam, beams_of
+from .pixel_blocks import rays_by_blocks
 from .ray_leaves import Empty, LeafRays, borrowed, finished_share, write_bits
 from .ray_tree import RayTree, tree_of
 from .receiver_order import order_of
@@ -210,7 +211,8 @@ def _trace_beam(traced: TraversalInputs, bits: NDArray[np.uint64], options: RayH
     coherent = beam.kind != AROUND
     sort = ((options.sorted or options.blocks) and coherent) or (options.nodes is None and beam.kind == PERSPECTIVE)
     if options.blocks and coherent and query.sides.shape[0] > 1:
-        rays = rays_by_blocks(query, beam, bits, threads, counters, empty)
+        projected = options.nodes is None and beam.kind == PERSPECTIVE and beam.radius == 0.0 and beam.n_samples == 1
+        rays = rays_by_blocks(query, beam, bits, threads, counters, empty, projected)
     else:
         order = order_of(query, beam, bits, sort, threads, counters)
         rays = rays_of(query, beam, order, 16 if options.wide or options.blocks else 4, bits, threads, empty)

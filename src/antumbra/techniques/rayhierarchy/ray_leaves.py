@@ -2,7 +2,7 @@
 
 Blocks. Receivers are stored in *blocks*, each with as many lanes as a leaf. A leaf owns some lanes of a block; the
 other lanes belong to other leaves or are empty. The segment ends are either shared by all receivers, or stored in the
-same layout.
+same layout. Blocks of *projected* rays (`projected_rays`) hold coordinates on a face, and find receivers in the query.
 
 Tests. A triangle is tested against the 16 rays of a leaf at once, in float32, or exactly where the error bounds of
 float32 leave the result undecided.
@@ -29,9 +29,11 @@ from ...kernels.simd import (
     bits,
     gather,
     get,
+    iota16,
     load16,
     lowest_bit,
     maximum,
+    minimum,
     prefetch,
     ptr,
     ptr_at,
@@ -99,6 +101,7 @@ def borrowed() -> Iterator[Empty]:
 
 # --- Leaves -----------------------------------------------------------------------------------------------------------
 
+HUGE = np.float32(1e30)  # of 1 / depth: receivers closer to the apex are not projected
 PAD = 16  # padding at the end of an array, because kernels always read 16 numbers
 
 
@@ -110,9 +113,9 @@ class LeafRays(NamedTuple):
     """
 
     ways: int  # rays per leaf and children per node: 4 or 16
-    origins: np.ndarray  # (3 blocks ways + PAD,) float32: block, axis, lane
-    ids: np.ndarray  # (blocks ways + PAD,) int32: index of the receiver; -1: none
-    own: np.ndarray  # (blocks ways + PAD,) int32: the triangle that the receiver lies on; -1: none
+    origins: np.ndarray  # (3 blocks ways + PAD,) float32: block, axis, lane; projected: of all receivers, (3 h w,)
+    ids: np.ndarray  # (blocks ways + PAD,) int32: index of the receiver; -1: none; projected: (PAD,)
+    own: np.ndarray  # (blocks ways + PAD,) int32: the triangle that the receiver lies on; -1: none; projected: (h w,)
     ends: np.ndarray  # (3 n_samples ways [blocks] + PAD,) float32: [block,] sample, axis, lane
     end_step: int  # float32 numbers from one block's ends to the next; 0: all blocks share their ends
     blocks: np.ndarray  # (leaves,) int32: the block of each leaf
@@ -124,15 +127,22 @@ class LeafRays(NamedTuple):
     faces: np.ndarray  # (k,) int64: the faces
     placed: bool  # leaves keep their places even if all their segments are dead
     samples: np.ndarray  # (leaves,) int32: the first sample of each leaf, counted from `first`
+    points: np.ndarray  # (PAD,) float32; projected: (48 blocks + PAD,), block, (u, v, q), lane
+    width: int  # 0; projected: of the picture
+    height: int  # 0; projected: of the picture
 
 
 class Blocks(NamedTuple):
-    """Receivers in blocks of `ways` lanes, as in `LeafRays`."""
+    """Receivers in n blocks of `ways` lanes; the other fields are as in `LeafRays`."""
 
+    n: int
     ways: int
-    origins: np.ndarray  # (3 blocks ways + PAD,) float32
-    ids: np.ndarray  # (blocks ways + PAD,) int32
-    own: np.ndarray  # (blocks ways + PAD,) int32
+    origins: np.ndarray
+    ids: np.ndarray
+    own: np.ndarray
+    points: np.ndarray
+    width: int
+    height: int
 
 
 class LeafCut(NamedTuple):
@@ -160,6 +170,9 @@ class Leaves(NamedTuple):
     first: int
     n_samples: int
     samples: I32Ptr
+    points: F32Ptr
+    width: int
+    height: int
 
 
 @inlined
@@ -167,7 +180,8 @@ def leaves_of(rays):
     """The `Leaves` of `LeafRays`."""
     return Leaves(
         rays.ways, ptr(rays.origins), ptr(rays.ids), ptr(rays.own), ptr(rays.ends), rays.end_step, ptr(rays.blocks),
-        ptr(rays.lanes), ptr(rays.dead), rays.first, rays.n_samples, ptr(rays.samples),
+        ptr(rays.lanes), ptr(rays.dead), rays.first, rays.n_samples, ptr(rays.samples), ptr(rays.points), rays.width,
+        rays.height,
     )  # fmt: skip
 
 
@@ -190,9 +204,34 @@ def origins_in(leaves, block):
 
 
 @inlined
+def pixels_of_block(y, x, h, w):
+    """(i32x16 indices of the pixels of the block of 4 x 4 at (y, x), bits of those within the picture).
+
+    The others repeat one of the last row or column.
+    """
+    row, column = (iota16() >> np.int32(2)) + np.int32(y), (iota16() & np.int32(3)) + np.int32(x)
+    there = bits((row < np.int32(h)) & (column < np.int32(w)))
+    return minimum(row, np.int32(h - 1)) * np.int32(w) + minimum(column, np.int32(w - 1)), there
+
+
+@inlined
+def receiver_at(leaves, block, lane):
+    """Index of the receiver in a lane of a block, which must have one."""
+    if leaves.width == 0:
+        return np.int64(get(leaves.ids, block * leaves.ways + lane))
+    columns = (leaves.width + 3) >> 2
+    y, x = block // columns * 4 + (lane >> 2), block % columns * 4 + (lane & 3)
+    return np.int64(y * leaves.width + x)
+
+
+@inlined
 def fetch_leaf(leaves, leaf):
     """Prefetch a leaf's receivers into the cache."""
     block = block_of(leaves, leaf)
+    if leaves.width > 0:
+        for k in range(0, 48, 16):
+            prefetch(leaves.points, 48 * block + k)
+        return
     for k in range(3):
         prefetch(leaves.origins, (3 * block + k) * leaves.ways)
     prefetch(leaves.own, block * leaves.ways)
@@ -258,34 +297,38 @@ def _fill_dead(ticket, query, bits, rays):
 
 def new_blocks(n: int, ways: int, empty: Empty) -> Blocks:
     """Allocate n blocks."""
-    numbers = [empty(n * ways + PAD, np.int32) for _ in range(2)]
-    blocks = Blocks(ways, empty(3 * n * ways + PAD, np.float32), numbers[0], numbers[1])
-    for padded in blocks[1:]:
+    origins, ids, own = (empty(k * n * ways + PAD, kind) for k, kind in ((3, np.float32), (1, np.int32), (1, np.int32)))
+    for padded in origins, ids, own:
         padded[-PAD:] = 0
-    return blocks
+    return Blocks(n, ways, origins, ids, own, np.zeros(PAD, np.float32), 0, 0)
 
 
 @inlined
 def block_pointers(blocks):
     """The same `Blocks` with pointers."""
-    return Blocks(blocks.ways, ptr(blocks.origins), ptr(blocks.ids), ptr(blocks.own))
+    return Blocks(
+        blocks.n, blocks.ways, ptr(blocks.origins), ptr(blocks.ids), ptr(blocks.own), ptr(blocks.points), blocks.width,
+        blocks.height,
+    )  # fmt: skip
 
 
 def rays_in(
     query: ShadowQuery, beam: Beam, blocks: Blocks, cut: LeafCut, bits: NDArray[np.uint64], threads: int, empty: Empty
 ) -> LeafRays:
     """Make the `LeafRays` of the receivers in blocks; `cut` assigns their lanes to leaves."""
-    n, count = (len(blocks.ids) - PAD) // blocks.ways, beam.n_samples
+    n, count = blocks.n, beam.n_samples
     step = 0 if beam.common else 3 * count * blocks.ways
     ends = empty((n * step if step else 3 * count * blocks.ways) + PAD, np.float32)
     ends[-PAD:] = 0
     dead = np.empty((len(cut.blocks), count), np.int32)
     rays = LeafRays(
         blocks.ways, blocks.origins, blocks.ids, blocks.own, ends, step, cut.blocks, cut.lanes, dead,
-        beam.first, count, cut.starts, cut.faces, cut.placed, np.zeros(len(cut.blocks), np.int32),
+        beam.first, count, cut.starts, cut.faces, cut.placed, np.zeros(len(cut.blocks), np.int32), *blocks[5:],
     )  # fmt: skip
     run_short(_fill_dead, threads, new_ticket(len(dead), 1024), query, bits, rays)
-    if step:
+    if blocks.width:
+        ends[:-PAD] = np.repeat(beam.apex.astype(np.float32), 16)  # the only end, exactly
+    elif step:
         run_short(_fill_ends, threads, new_ticket(n, 64), query, bits, rays)
     elif len(dead):
         _fill_common(query, int(np.argmax(cut.lanes != 0)), bits, rays)
@@ -305,9 +348,9 @@ def _write_bits(ticket, rays, bits):
     for leaf in items(ticket):
         for s in range(leaves.n_samples):
             blocked = get(leaves.dead, leaf * leaves.n_samples + s) & get(leaves.lanes, leaf)
-            block, n = block_of(leaves, leaf) * leaves.ways, leaves.first + s
+            block, n = block_of(leaves, leaf), leaves.first + s
             while blocked != 0:
-                i = get(leaves.ids, block + lowest_bit(blocked))
+                i = receiver_at(leaves, block, lowest_bit(blocked))
                 blocked &= blocked - 1
                 at = i * words + (n >> 6)
                 put(out, at, get(out, at) | np.uint64(1) << np.uint64(n & 63))

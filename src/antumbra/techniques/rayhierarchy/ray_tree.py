@@ -113,13 +113,15 @@ def group_at(tree, group):
 
 @kernel
 def _bound(ticket, arrays, beam, rays, part, level):
-    """Worker: bound the nodes of one level by their rays, or by the nodes below."""
+    """Worker: bound the nodes of one level by their rays, or by the nodes below. Missing nodes are zero."""
     tree, leaves, view = tree_pointers(arrays), leaves_of(rays), view_of(beam)
     n, start, ways = size_of(tree, part, level), groups_of(tree, part, level), np.int64(tree.ways)
     below = groups_of(tree, part, max(level - 1, 0))
     face, first_leaf = get(tree.faces, part), get(tree.leaves, part)
     for g in items(ticket):
         group, alive = group_at(tree, start + g), 0
+        for k in range(tree.step):
+            put(group, k, np.float32(0.0))
         for lane in range(min(ways, n - g * ways)):
             i = g * ways + lane
             if level == 0:
@@ -151,7 +153,7 @@ def tree_of(kind: Any, beam: Beam, rays: LeafRays, threads: int, empty: Empty = 
             if n <= 1:
                 break
     numbers = empty(total * step + PAD, np.float32)
-    numbers[:] = 0
+    numbers[-PAD:] = 0
     alive = np.zeros(total + PAD, np.int32)
     tree = RayTree(ways, shift, nodes, step, numbers, alive, heights, sizes, groups, rays.starts, rays.faces)
     for part in range(k):

@@ -30,7 +30,6 @@ from ...kernels.simd import (
     put,
     select,
     splat16,
-    stack_i32,
     stack_i64,
     store,
     to_i32,
@@ -44,9 +43,11 @@ from .light_beams import (
     Beam,
     ConeSamples,
     active_receivers,
+    new_light_sides,
     origins_of,
     query_bits_of,
     relative16,
+    sides_of,
     view_of,
 )
 from .ray_leaves import PAD
@@ -81,18 +82,28 @@ def _cells(u):
 
 
 @inlined
-def on_cube(d):
-    """(face, u, v) of directions from an apex, a `Vec` without zeros: i32x16, and twice f32x16 from 0 to 1."""
+def split_by_face(d):
+    """(face, a, b, depth) of directions from an apex, a `Vec`: i32x16, and three f32x16.
+
+    a and b are the coordinates across the face, and the depth is along its axis.
+    """
     x, y, z = absolute(d.x), absolute(d.y), absolute(d.z)
     by_x = (x >= y) & (x >= z)
     by_y = ~by_x & (y >= z)
     depth = select(by_x, d.x, select(by_y, d.y, d.z))
-    u, v = select(by_x, d.y, select(by_y, d.z, d.x)), select(by_x, d.z, select(by_y, d.x, d.y))
+    a, b = select(by_x, d.y, select(by_y, d.z, d.x)), select(by_x, d.z, select(by_y, d.x, d.y))
     face = select(by_x, np.int32(0), select(by_y, splat16(np.int32(2)), splat16(np.int32(4))))
     face = face + select(depth < _F(0.0), splat16(np.int32(1)), splat16(np.int32(0)))
+    return face, a, b, absolute(depth)
+
+
+@inlined
+def on_cube(d):
+    """(face, u, v) of directions from an apex, a `Vec` without zeros: i32x16, and twice f32x16 from 0 to 1."""
+    face, a, b, depth = split_by_face(d)
     half = _F(0.5)
-    s = half / absolute(depth)
-    return face, fma(u, s, half), fma(v, s, half)
+    s = half / depth
+    return face, fma(a, s, half), fma(b, s, half)
 
 
 @inlined
@@ -153,24 +164,22 @@ def places_on(view, scale, d):
 
 
 @kernel
-def _write_cells(ticket, query, beam, scale, bits, keys, counts, tally):
+def _write_cells(ticket, query, beam, scale, bits, keys, counts, light_sides, counters):
     """Worker: write each receiver's cell, or -1 if it is inactive; count the active receivers of each part."""
     query_bits, view = query_bits_of(query, bits), view_of(beam)
     samples = ConeSamples(beam.first, beam.n_samples, beam.set)
-    ids, last, out, thread_counters = stack_i32(16), stack_i64(2), ptr(keys), cleared(stack_i64(N_COUNTERS))
-    put(last, 0, -1)
+    out, known, thread_counters = ptr(keys), ptr(light_sides), cleared(stack_i64(N_COUNTERS))
     for first, end in shares(ticket):
         n = 0
         for i in range(first, end, 16):
-            store(ids, 0, minimum(np.int32(i) + iota16(), np.int32(ticket[N] - 1)))
-            lanes = (1 << min(16, ticket[N] - i)) - 1
-            d = relative16(view, origins_of(query_bits, load16(ids, 0)))
-            active = active_receivers(query_bits, view, samples, ids, lanes, last, thread_counters) & ~at_apex(view, d)
+            ids, lanes = minimum(np.int32(i) + iota16(), np.int32(ticket[N] - 1)), (1 << min(16, ticket[N] - i)) - 1
+            d, sides = relative16(view, origins_of(query_bits, ids)), sides_of(query_bits, samples, ids, lanes)
+            active = active_receivers(query_bits, view, samples, ids, sides, known, thread_counters) & ~at_apex(view, d)
             face, u, v = places_on(view, scale, d)
             store(out, i, select(mask_from_bits16(active), cells_of(face, u, v), np.int32(-1)))
             n += popcount(active)
         counts[first // ticket[CHUNK]] = n
-    add_counters(tally, thread_counters)
+    add_counters(counters, thread_counters)
 
 
 @kernel
@@ -203,18 +212,17 @@ def _on_screen(ticket, keys, w, h, ids):
 
 
 @kernel
-def _to_keys(cells):
-    """Replace cells by keys, in place; their number is a multiple of 16."""
+def _to_keys(ticket, cells):
+    """Worker: replace cells by keys, in place, 16 at a time; `cells` is padded by PAD."""
     p = ptr(cells)
-    for i in range(0, len(cells), 16):
-        store(p, i, keys_of(load16(p, i)))
+    for i in items(ticket):
+        store(p, 16 * i, keys_of(load16(p, 16 * i)))
 
 
-def sort_cells(cells: NDArray[np.int32], ids: NDArray[np.int32], threads: int) -> Order:
-    """Sort ids by the keys of their cells into an `Order`. Both arrays are overwritten; `cells` is padded by PAD."""
-    _to_keys(cells[: -(-len(ids) // 16) * 16])
-    packed, ids = radix_sort(cells[: len(ids)], ids, KEY_BITS, threads)
-    starts = np.searchsorted(packed, np.arange(FACES + 1) << 2 * BITS).astype(np.int64)
+def sort_by_keys(keys: NDArray[np.int32], ids: NDArray[np.int32], threads: int, drop: int = 0) -> Order:
+    """Sort ids by their keys into an `Order`; both are overwritten. drop: levels of the curve that keys leave out."""
+    ordered, ids = radix_sort(keys, ids, KEY_BITS - 2 * drop, threads)
+    starts = np.searchsorted(ordered, np.arange(FACES + 1, dtype=np.int32) << 2 * (BITS - drop)).astype(np.int64)
     faces = np.flatnonzero(np.diff(starts))
     return Order(ids, np.append(starts[faces], len(ids)), faces, False)
 
@@ -237,7 +245,8 @@ def order_of(
     parts = -(-h * w // _PART)
     keys, counts = np.empty(h * w + 16, np.int32), np.zeros(parts + 1, np.int64)
     ticket = new_ticket(h * w, _PART)
-    run_short(_write_cells, threads, ticket, query, beam, scale_of(beam), bits, keys, counts[1:], tally)
+    args = query, beam, scale_of(beam), bits, keys, counts[1:], new_light_sides(query), tally
+    run_short(_write_cells, threads, ticket, *args)
     if not sort and h > 1:
         tiles = -(-w // _TILE) * -(-h // _TILE)
         ids = np.empty(tiles * _TILE * _TILE, np.int32)
@@ -246,7 +255,10 @@ def order_of(
     starts = np.cumsum(counts)
     packed, ids = np.zeros(int(starts[-1]) + PAD, np.int32), np.empty(int(starts[-1]), np.int32)
     run_short(_pack, threads, new_ticket(h * w, _PART), keys, starts, packed, ids)
-    return sort_cells(packed, ids, threads) if sort and len(ids) else _without_faces(ids, False)
+    if not sort or not len(ids):
+        return _without_faces(ids, False)
+    run_short(_to_keys, threads, new_ticket(-(-len(ids) // 16), 512), packed)
+    return sort_by_keys(packed[: len(ids)], ids, threads)
 
 
 def _without_faces(ids: NDArray[np.int32], placed: bool) -> Order:

@@ -38,6 +38,7 @@ from ...trace.triangle_tests import triangle_in
 from ..culling.pre_bvh_culling import Soup
 from .box_nodes import write_point_rows
 from .light_beams import PERSPECTIVE, Beam, relative, view_of
+from .projected_rays import block_projected
 from .ray_leaves import block_rays, fetch_leaf, leaves_of
 from .ray_tree import (
     LEVELS,
@@ -250,11 +251,15 @@ def _test_rays(tree, part, leaves, soup, rows, queues, how, counters):
     for i in range(get(queues.counts, 0) - 1, -1, -1):
         fetch_leaf(leaves, first + get(queues.groups, max(i - _AHEAD, 0)))
         node, last = get(queues.groups, i), slot
-        slot = integer(row_at(rows, get(queues.rows, i)), TRIANGLE)
-        if slot != last:
-            triangle = triangle_in(soup.corners, slot)
-        prim = get(soup.ids, slot)
-        finished = block_rays(leaves, first + node, soup.corners, slot, triangle, prim, how.facing, counters)
+        row = row_at(rows, get(queues.rows, i))
+        slot = integer(row, TRIANGLE)
+        if leaves.width > 0:
+            finished = block_projected(leaves, first + node, row, soup, how.facing, counters)
+        else:
+            if slot != last:
+                triangle = triangle_in(soup.corners, slot)
+            prim = get(soup.ids, slot)
+            finished = block_rays(leaves, first + node, soup.corners, slot, triangle, prim, how.facing, counters)
         if finished and how.early_accept:
             _kill(tree, part, 0, node, leaves)
     put(queues.counts, 0, 0)

@@ -29,7 +29,7 @@ from ..culling.pre_bvh_culling import solid_tree
 
 @dataclass(frozen=True, eq=False)
 class SrdhRays:
-    """The choice of shadow rays that the builder `srdh` is shown.
+    """Which shadow rays the builder `srdh` samples.
 
     Parameters
     ----------

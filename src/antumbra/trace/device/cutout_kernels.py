@@ -101,7 +101,7 @@ def _depth(visitor, at):
 # --- Visitors ---------------------------------------------------------------------------------------------------------
 
 
-class _AnyHit(NamedTuple):
+class _BlockingTexel(NamedTuple):
     """Finds a texel that closest hits meet: BLOCKED."""
 
     cutouts: CutoutBuffers
@@ -147,10 +147,10 @@ def _visit_sums(visitor, r, slot):
     return GO_ON if lit else BLOCKED
 
 
-_SLOT, _PRIM = range(2)  # of `_NearestHit.best`
+_SLOT, _PRIM = range(2)  # of `_NearestTexel.best`
 
 
-class _NearestHit(NamedTuple):
+class _NearestTexel(NamedTuple):
     """Finds the cut-out that a ray hits first, before a solid triangle."""
 
     cutouts: CutoutBuffers
@@ -186,11 +186,11 @@ def _visit_nearest(visitor, r, slot, prim):
 
 @overload(visit)
 def _visit(visitor, r, slot, prim):
-    if visitor.instance_class is _AnyHit:
+    if visitor.instance_class is _BlockingTexel:
         return lambda visitor, r, slot, prim: _visit_any(visitor, r, slot)
     if visitor.instance_class is _DepthSums:
         return lambda visitor, r, slot, prim: _visit_sums(visitor, r, slot)
-    if visitor.instance_class is _NearestHit:
+    if visitor.instance_class is _NearestTexel:
         return lambda visitor, r, slot, prim: _visit_nearest(visitor, r, slot, prim)
     return None
 
@@ -211,7 +211,7 @@ def block_rays(cutouts, rays, work, part):  # cutouts: CutoutBuffers, rays: RayB
     if r.state != TRACED:
         return
     put(limit, 0, np.float32(r.ray.tmax))
-    answer = walk_candidates(cutouts.tree, r, _AnyHit(cutouts, work.cull_faces, limit, corners))
+    answer = walk_candidates(cutouts.tree, r, _BlockingTexel(cutouts, work.cull_faces, limit, corners))
     if answer == BLOCKED:
         put(i32_at(work.out), j, BLOCKED)
     elif answer == UNDECIDED:
@@ -265,7 +265,7 @@ def nearest_cutouts(solid, cutouts, rays, work, hits, part):  # solid: TreeBuffe
         put(limit, 0, smaller(f(r.ray.tmax), f(get(f64_at(hits.t), j) * BEYOND) + END_FLOOR))
     answer = np.int64(GO_ON)
     if r.state == TRACED:
-        visitor = _NearestHit(cutouts, work.cull_faces, limit, corners, best, best_corners)
+        visitor = _NearestTexel(cutouts, work.cull_faces, limit, corners, best, best_corners)
         answer = walk_candidates(cutouts.tree, r, visitor)
     if answer == UNDECIDED:
         add_record(work, j, r.skip, slot, r.ray)

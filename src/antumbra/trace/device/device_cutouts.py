@@ -32,7 +32,7 @@ _CHUNK = 64
 # --- What the CPU decides ---------------------------------------------------------------------------------------------
 
 
-class _Rest(NamedTuple):
+class _CutoutRecords(NamedTuple):
     """Rays that the CPU traces through the cut-outs."""
 
     records: Records
@@ -77,21 +77,21 @@ def _find_first(ticket, rest, bvh, texels, solid, found):
         found[k] = slot if slot >= 0 else KEPT
 
 
-def _rest(records: Records, cull_faces: int) -> _Rest:
-    return _Rest(records, heads_of(records), cull_faces)
+def _records_of(records: Records, cull_faces: int) -> _CutoutRecords:
+    return _CutoutRecords(records, heads_of(records), cull_faces)
 
 
 def blocked_by_texels(records: Records, cutouts: CutoutTree, cull_faces: int, threads: int) -> NDArray[np.bool_]:
     """(m,) bool: whether texels block recorded rays that closest hits meet."""
     blocked, ticket = np.empty(len(records), np.bool_), new_ticket(len(records), _CHUNK)
-    run(_find_blocked, threads, ticket, _rest(records, cull_faces), cutouts.bvh, cutouts.texels, blocked)
+    run(_find_blocked, threads, ticket, _records_of(records, cull_faces), cutouts.bvh, cutouts.texels, blocked)
     return blocked
 
 
 def depths_along(records: Records, cutouts: CutoutTree, cull_faces: int, threads: int) -> NDArray[np.int32]:
     """(m, SUMS) int32: the depths along recorded rays, and 1 for each that meets a cut-out."""
     sums, ticket = np.empty((len(records), SUMS), np.int32), new_ticket(len(records), _CHUNK)
-    run(_add_depths, threads, ticket, _rest(records, cull_faces), cutouts.bvh, cutouts.texels, sums)
+    run(_add_depths, threads, ticket, _records_of(records, cull_faces), cutouts.bvh, cutouts.texels, sums)
     return sums
 
 
@@ -100,7 +100,7 @@ def first_cutouts(
 ) -> NDArray[np.int32]:
     """(m,) int32: slots of the cut-outs that recorded rays hit first; KEPT if a triangle of `solid`, or none, is."""
     found, ticket = np.empty(len(records), np.int32), new_ticket(len(records), _CHUNK)
-    run(_find_first, threads, ticket, _rest(records, cull_faces), cutouts.bvh, cutouts.texels, solid, found)
+    run(_find_first, threads, ticket, _records_of(records, cull_faces), cutouts.bvh, cutouts.texels, solid, found)
     return found
 
 

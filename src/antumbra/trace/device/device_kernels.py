@@ -94,7 +94,8 @@ def copy_corners(tree, slot, corners):
 
 
 @inlined
-def _put_record(work, at, j, slot, best, ray):
+def put_record(work, at, j, slot, best, ray):
+    """Write a record for the CPU to place `at`."""
     heads, numbers = i32_at(work.rest), f64_at(work.rest)
     put(heads, 2 * RECORD * at, j)
     put(heads, 2 * RECORD * at + 1, slot)
@@ -109,7 +110,7 @@ def add_record(work, j, slot, best, ray):
     """Add a record for the CPU, if there is room."""
     at = np.int64(atomic_add(i32_at(work.counts), REST, 1))
     if at < work.rest_capacity:
-        _put_record(work, at, j, slot, best, ray)
+        put_record(work, at, j, slot, best, ray)
 
 
 @kernel
@@ -119,7 +120,7 @@ def record_rays(rays, work, first, n):
     if k < n:
         j = np.int64(get(i32_at(work.which), first + k))
         r = ray_at(rays, work.first + j)
-        _put_record(work, k, j, r.skip, r.state, r.ray)
+        put_record(work, k, j, r.skip, r.state, r.ray)
 
 
 @inlined

@@ -7,15 +7,17 @@ compute them on the CPU, so that both give the same bits.
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...kernels.exact.filters import UNSURE
 from ...kernels.exact.predicate import Ray, ray_along, segment
-from ...kernels.jit import inlined, kernel, overload
+from ...kernels.jit import formula, inlined, kernel, overload
 from ...kernels.parallel import items
 from ...kernels.simd import as_i32, f32_at, f64_at, get, i32_at, ptr, put
 from ...query.light_samples import patch_at, sample_point
 from ...query.receivers import NOTHING
 from ...query.shadow_query import Horizon, above_horizon, face_horizon, set_of, three_at
+from ...scene.lights import LightPatch
 
 # --- One ray ----------------------------------------------------------------------------------------------------------
 
@@ -98,6 +100,16 @@ class DevicePatch(NamedTuple):
     radius: float
 
 
+def device_patch(light: LightPatch) -> DevicePatch:
+    """The `DevicePatch` of a light."""
+    base, u, v, w = (_three(vector) for vector in (light.base, light.u, light.v, light.w))
+    return DevicePatch(int(light.kind), base, u, v, w, float(light.radius))
+
+
+def _three(v: NDArray[np.float64]) -> tuple[float, float, float]:
+    return float(v[0]), float(v[1]), float(v[2])
+
+
 class SampleBuffers(NamedTuple):
     """A `ShadowQuery`: addresses on the device, and numbers. Ray ``i spp + s`` goes from receiver i to its sample s."""
 
@@ -172,10 +184,87 @@ def _sampled_ray(query, at):
     return DeviceRay(segment(r.o[0], r.o[1], r.o[2], l[0], l[1], l[2]), r.id, state, undecided)
 
 
+# --- Shadow queries by screen tiles -----------------------------------------------------------------------------------
+
+
+class TileSegments(NamedTuple):
+    """The segments of a `ShadowQuery` to some of its samples, those of one screen tile after those of another.
+
+    A tile has ``rows * pixels`` receivers, row by row, each with `count` segments. Some may lie outside of the query.
+    """
+
+    query: SampleBuffers
+    tiles: int  # int32: numbers of the tiles, row by row of the screen
+    blocked: int  # int32: bits of the segments that are known to be blocked, in whole words per receiver
+    pixels: int  # side of a tile
+    rows: int  # rows of receivers in a tile: `pixels`, or as many as the query has
+    across: int  # tiles per row of the screen
+    h: int  # rows of receivers
+    first: int  # the first sample
+    count: int  # type: ignore[assignment]  # number of samples; hides tuple.count
+    fresh: int  # 1: no segment has been tested yet; 0: what receivers' own surfaces block is known
+
+
+class TilePlace(NamedTuple):
+    """Where a segment of `TileSegments` is."""
+
+    at: int  # place of its tile in the list
+    row: int  # in the tile
+    column: int
+    sample: int  # counted from `TileSegments.first`
+
+
+@formula
+def place_in_tiles(segments, k):
+    """The `TilePlace` of segment k."""
+    receiver = k // segments.count
+    row = receiver // segments.pixels
+    return TilePlace(row // segments.rows, row % segments.rows, receiver % segments.pixels, k % segments.count)
+
+
+@formula
+def pixel_in_tile(segments, tile, place):
+    """(y, x) of the receiver at a place in a tile; it may lie outside of the query."""
+    pixels = segments.pixels
+    return tile // segments.across * pixels + place.row, tile % segments.across * pixels + place.column
+
+
+@inlined
+def tile_receiver(segments, place):
+    """The receiver at a place; -1: it lies outside of the query."""
+    y, x = pixel_in_tile(segments, np.int64(get(i32_at(segments.tiles), place.at)), place)
+    return y * segments.query.w + x if y < segments.h and x < segments.query.w else np.int64(-1)
+
+
+@formula
+def words_per_receiver(segments):
+    """The number of int32 of a receiver's bits."""
+    return (segments.count + 31) >> 5
+
+
+@inlined
+def _is_known(segments, receiver, s):
+    word = get(i32_at(segments.blocked), receiver * words_per_receiver(segments) + (s >> 5))
+    return word >> np.int32(s & 31) & np.int32(1) != 0
+
+
+@inlined
+def _tiled_ray(segments, k):
+    """The `DeviceRay` of segment k: CLEAR where there is none, and where it is known to be blocked."""
+    place = place_in_tiles(segments, k)
+    receiver = tile_receiver(segments, place)
+    i = receiver if receiver >= 0 else np.int64(0)
+    r = _sampled_ray(segments.query, i * segments.query.spp + segments.first + place.sample)
+    is_open = receiver >= 0 and not _is_known(segments, i, place.sample)
+    return DeviceRay(r.ray, r.skip, r.state if is_open else CLEAR, r.horizon and is_open and segments.fresh != 0)
+
+
 @overload(ray_at)
 def _ray_at(rays, i):
     if rays.instance_class is RayBuffers:
         return lambda rays, i: _listed_ray(rays, i)
     if rays.instance_class is SampleBuffers:
         return lambda rays, i: _sampled_ray(rays, i)
+    if rays.instance_class is TileSegments:
+        return lambda rays, i: _tiled_ray(rays, i)
     return None

@@ -27,7 +27,7 @@ from .build_kernels import Source
 from .device_cutouts import DeviceCutouts
 from .device_kernels import HIT_BYTES, RECORD, HitBuffers
 from .device_launches import DeviceLaunches
-from .device_rays import AGAIN, BLOCKED, CLEAR, TRACED, DevicePatch, RayBuffers, SampleBuffers
+from .device_rays import AGAIN, BLOCKED, CLEAR, TRACED, RayBuffers, SampleBuffers, TileSegments, device_patch
 from .device_receivers import DeviceReceivers, ReceiverUploads
 from .device_traversal import COUNTS, PAIRS, PARTS, REST, VISITS, WON, Work
 from .device_tree import DeviceTree, UploadedTree
@@ -72,13 +72,15 @@ _ANY = _Kind("trace_any", "settle_any", "record_rays", True)
 _SAMPLES = _Kind("trace_samples", "settle_samples", "record_samples", True)
 _SHAFTS = _SAMPLES._replace(by_shafts=True)
 _NEAREST = _Kind("trace_nearest", "settle_nearest", "record_rays", False)
+LISTED = _Kind("trace_listed", "settle_listed", "record_listed", True)
+"""Of `tree_list_tracer`."""
 
 
 class Chunk(NamedTuple):
     """A chunk of rays that is being traced."""
 
     kind: _Kind
-    rays: RayBuffers | SampleBuffers
+    rays: RayBuffers | SampleBuffers | TileSegments
     work: Work
     query: ShadowQuery | None  # for samples
 
@@ -383,11 +385,10 @@ class DeviceTracer:
         return block.address, 0
 
     def _sample_buffers(self, tree: DeviceTree | None, query: ShadowQuery, threads: int) -> SampleBuffers:
-        p = query.light
         return SampleBuffers(
             *self._receiver_buffers(tree, query, threads),
             self.launches.sent("samples", query.samples, "the samples of a light"),
-            DevicePatch(int(p.kind), _three(p.base), _three(p.u), _three(p.v), _three(p.w), float(p.radius)),
+            device_patch(query.light),
             query.shape[1],
             query.samples.shape[1],
         )
@@ -578,10 +579,6 @@ class DeviceTracer:
 
 def _samples_of(chunk: Chunk) -> SampleBuffers:
     return cast(SampleBuffers, chunk.rays)
-
-
-def _three(v: NDArray[np.float64]) -> tuple[float, float, float]:
-    return float(v[0]), float(v[1]), float(v[2])
 
 
 def words_of(bits: NDArray[np.uint8], n: int, spp: int) -> NDArray[Any]:

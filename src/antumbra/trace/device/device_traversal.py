@@ -26,7 +26,7 @@ from ...kernels.exact.filters import (
     max_magnitude,
     single_error_unit,
 )
-from ...kernels.jit import F32x4, inlined
+from ...kernels.jit import F32x4, inlined, overload
 from ...kernels.simd import (
     extract,
     f32_at,
@@ -85,9 +85,15 @@ class Work(NamedTuple):
     cull_faces: int  # a value of CULL_FACES
 
 
-@inlined
 def list_pair(work, j, slot):
-    """Add an undecided test to the list. Return whether there was room."""
+    """In kernels: add an undecided test of ray j to the list. Return whether there was room.
+
+    The type of `work` selects the implementation: a `Work`, or what knows more about the test.
+    """
+
+
+@inlined
+def _add_pair(work, j, slot):
     at = np.int64(atomic_add(i32_at(work.counts), PAIRS, 1))
     if at >= work.capacity:
         return False
@@ -95,6 +101,11 @@ def list_pair(work, j, slot):
     put(pairs, 2 * at, j)
     put(pairs, 2 * at + 1, slot)
     return True
+
+
+@overload(list_pair)
+def _list_pair(work, j, slot):
+    return (lambda work, j, slot: _add_pair(work, j, slot)) if work.instance_class is Work else None
 
 
 # --- Boxes ------------------------------------------------------------------------------------------------------------
@@ -162,10 +173,22 @@ def entries(nodes, node, box, limit):
 
 
 @inlined
-def _enter(nodes, node, box, limit):
-    """Whether a ray enters each child's box before `limit`: (left, right, whether it enters the left one first)."""
-    left, right, near_left, near_right = entries(nodes, node, box, limit)
-    return left, right, near_left <= near_right
+def _descend(tree, link, box, limit, stack, height):
+    """(link of the first leaf below a link that a ray enters before `limit`, or EMPTY; the stack's height then)."""
+    nodes, links = f32_at(tree.nodes), i32_at(tree.nodes)
+    while link >= 0:
+        left, right, near_left, near_right = entries(nodes, link, box, limit)
+        left_link, right_link = np.int64(get(links, link_at(link, 0))), np.int64(get(links, link_at(link, 1)))
+        left_first = near_left <= near_right
+        if left and right:
+            put(stack, height, right_link if left_first else left_link)
+            height += 1
+            link = left_link if left_first else right_link
+        elif left or right:
+            link = left_link if left else right_link
+        else:
+            link = np.int64(EMPTY)
+    return link, height
 
 
 # --- Triangles --------------------------------------------------------------------------------------------------------
@@ -224,7 +247,7 @@ def walk(tree, r, j, any_hit, work):
     r : DeviceRay
     any_hit : a literal, so that two kernels share this function
     """
-    nodes, links, f = f32_at(tree.nodes), i32_at(tree.nodes), np.float32
+    f = np.float32
     o = f(r.ray.ox), f(r.ray.oy), f(r.ray.oz)
     d = f(r.ray.dx), f(r.ray.dy), f(r.ray.dz)
     tmin, limit, lower = f(r.ray.tmin), f(r.ray.tmax), _INF
@@ -232,18 +255,7 @@ def walk(tree, r, j, any_hit, work):
     box, line = slabs_of(tree, o, d, tmin), _filter_ray(tree, o, d, tmin, limit)
     stack, height, link = stack_i32(STACK), 0, np.int64(0)
     while True:
-        while link >= 0:
-            left, right, left_first = _enter(nodes, link, box, limit)
-            left_link, right_link = np.int64(get(links, link_at(link, 0))), np.int64(get(links, link_at(link, 1)))
-            if left and right:
-                put(stack, height, right_link if left_first else left_link)
-                height += 1
-                link = left_link if left_first else right_link
-            elif left or right:
-                link = left_link if left else right_link
-            else:
-                link = np.int64(EMPTY)
-                break
+        link, height = _descend(tree, link, box, limit, stack, height)
         if link != EMPTY:
             leaf = bvh_leaf(link)
             for slot in range(leaf.first, leaf.first + leaf.count):
@@ -289,24 +301,14 @@ def visit(visitor, r, slot, prim):
 @inlined
 def walk_candidates(tree, r, visitor):
     """Visit the triangles that float32 does not exclude, roughly in the order of t. The last answer of `visit`."""
-    nodes, links, f = f32_at(tree.nodes), i32_at(tree.nodes), np.float32
+    f = np.float32
     o = f(r.ray.ox), f(r.ray.oy), f(r.ray.oz)
     d = f(r.ray.dx), f(r.ray.dy), f(r.ray.dz)
     tmin = f(r.ray.tmin)
     box, line = slabs_of(tree, o, d, tmin), _filter_ray(tree, o, d, tmin, f(r.ray.tmax))
     stack, height, link = stack_i32(STACK), 0, np.int64(0)
     while True:
-        while link >= 0:
-            left, right, left_first = _enter(nodes, link, box, get(visitor.limit, 0))
-            left_link, right_link = np.int64(get(links, link_at(link, 0))), np.int64(get(links, link_at(link, 1)))
-            if left and right:
-                put(stack, height, right_link if left_first else left_link)
-                height += 1
-                link = left_link if left_first else right_link
-            elif left or right:
-                link = left_link if left else right_link
-            else:
-                link = np.int64(EMPTY)
+        link, height = _descend(tree, link, box, get(visitor.limit, 0), stack, height)
         if link != EMPTY:
             leaf = bvh_leaf(link)
             for slot in range(leaf.first, leaf.first + leaf.count):

@@ -23,6 +23,12 @@ def device_triangles(bvh: Bvh) -> NDArray[np.float32]:
     return out
 
 
+def bvh_of_device(nodes: NDArray[np.float32], triangles: NDArray[np.float32]) -> Bvh:
+    """The tree with these nodes, (m, 16) and 64-byte aligned, and triangles as from `device_triangles`."""
+    corners = np.ascontiguousarray(triangles.reshape(-1, 3, 4)[..., :3]).reshape(-1, 9)
+    return Bvh(nodes, nodes.view(np.int32), triangles.view(np.int32)[:, PRIM].copy(), corners)
+
+
 def reach_of_root(root: NDArray[np.float32]) -> Reach:
     """The `Reach` of a tree whose root is the node `root`, (16,) float32."""
     planes = np.abs(root[:12].reshape(3, 4))
@@ -91,21 +97,17 @@ class DeviceTree:
         if self._bvh is None:
             nodes = self.nodes.read(aligned_empty((self.nodes.size // 64, 16), "f4"))
             words = self.triangles.read(np.empty((self.n, TRIANGLE), np.float32))
-            corners = np.ascontiguousarray(words.reshape(-1, 3, 4)[..., :3]).reshape(-1, 9)
-            self._bvh = Bvh(nodes, nodes.view(np.int32), words.view(np.int32)[:, PRIM].copy(), corners)
+            self._bvh = bvh_of_device(nodes, words)
         return self._bvh
 
     def some(self, slots: NDArray[np.int32]) -> Bvh:
         """The triangles in some slots, without nodes: for decisions about them on the CPU."""
-        if self._bvh is not None:
-            prim_ids, corners = self._bvh.prim_ids[slots], self._bvh.corners[slots]
-        else:  # a triangle is four rows of three words
-            rows = 4 * slots[:, None] + np.arange(4, dtype=np.int32)
-            words = self.launches.rows_at(self.triangles.address, rows.reshape(-1)).reshape(-1, TRIANGLE)
-            prim_ids = words.view(np.int32)[:, PRIM].copy()
-            corners = np.ascontiguousarray(words.reshape(-1, 3, 4)[..., :3]).reshape(-1, 9)
         nodes = aligned_empty((1, 16), "f4")
-        return Bvh(nodes, nodes.view(np.int32), prim_ids, corners)
+        if self._bvh is not None:
+            return Bvh(nodes, nodes.view(np.int32), self._bvh.prim_ids[slots], self._bvh.corners[slots])
+        rows = 4 * slots[:, None] + np.arange(4, dtype=np.int32)  # a triangle is four rows of three words
+        words = self.launches.rows_at(self.triangles.address, rows.reshape(-1)).reshape(-1, TRIANGLE)
+        return bvh_of_device(nodes, words)
 
 
 class UploadedTree(DeviceTree):

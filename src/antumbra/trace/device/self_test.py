@@ -56,8 +56,10 @@ from .device_kernels import KERNELS
 from .device_launches import DeviceLaunches
 from .device_surfaces import see_surfaces
 from .device_tracer import BUILDERS, CAPACITIES, Capacities, DeviceTracer
+from .part_trees import part_tree
 from .resident_vertices import ResidentVertices
 from .tree_build import source_of
+from .tree_list_tracer import TiledTracer, TileLayout, TreeLists, set_bits
 
 _SEED, _RAYS, _RECEIVERS, _SPP = 62, 2000, 512, 4
 _FRAME = 0.0, 0.0, 0.0
@@ -412,12 +414,44 @@ def _compared_instances(device: Device) -> Iterator[Comparison]:
         yield found, bits
 
 
+_TILE = 24
+"""Side of a tile, so that the last one of a row lies partly outside."""
+
+
+def _compared_lists(device: Device) -> Iterator[Comparison]:
+    """Segments that triangles in several trees block, tile by tile; half of the tiles list them the other way round."""
+    cases, halves = _cases(), list[Bvh]()
+    for first in 0, 1:
+        ids = np.arange(first, len(cases.vertices), 2, dtype=np.int32)
+        bvh = build(cases.vertices[ids], 1)
+        halves.append(bvh._replace(prim_ids=ids[bvh.prim_ids]))
+    for capacities in _CAPACITIES:
+        tracer, trees = TiledTracer(device, capacities), [part_tree(each, device) for each in halves]
+        table = np.stack([each.row for each in trees])
+        for query, _ in _shadows(cases):
+            bits, expected = new_bits(query), new_bits(query)
+            trace_shadow(as_built(cases.bvh), query, expected, 1)
+            (h, w), spp = query.sides.shape, query.samples.shape[1]
+            layout = TileLayout(_TILE, -(-w // _TILE), 0, spp)
+            tiles = np.arange(layout.across * -(-h // _TILE), dtype=np.int32)
+            tiled = tracer.query(query, layout, 1)
+            for turn in 0, 1:  # a tile has both trees at once, or one after the other
+                items = np.where(tiles % 3 == 0, [[0], [1]], np.where(tiles % 3 == 1, [[1], [0]], [[turn], [-1]])).T
+                items = items if turn == 0 else np.where((tiles % 3 == 2)[:, None], items, -1)
+                starts = np.concatenate([[0], np.cumsum((items >= 0).sum(1))])
+                lists = TreeLists(table, starts.astype(np.int32), items[items >= 0].astype(np.int32), 1)
+                words, _ = tracer.trace_tiles(tiled, tiles if turn == 0 else tiles[2::3], lists, 1)
+                set_bits(bits, layout, tiles if turn == 0 else tiles[2::3], words)
+            yield bits, expected
+
+
 COMPARISONS: list[Callable[[Device], Iterator[Comparison]]] = [
     _compared_trees,
     _compared_vertices,
     _compared_surfaces,
     _compared_cutouts,
     _compared_instances,
+    _compared_lists,
 ]
 """What the self-test compares besides the answers of queries. Modules with other kernels of devices add to it."""
 

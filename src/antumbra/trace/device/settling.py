@@ -77,6 +77,16 @@ def _decide_tests(ticket, records, heads, corners, cull_faces, blocked):
             blocked[k] = side != 0 and side != cull_faces
 
 
+def are_hits(records: Records, corners: NDArray[np.float32], cull_faces: int, threads: int) -> NDArray[np.bool_]:
+    """(m,) bool: whether the rays of records meet the triangles in their slots; False: also for slots < 0.
+
+    corners : (n, 9) float32, by slot
+    """
+    blocked, n = np.zeros(len(records), np.bool_), len(records)
+    run(_decide_tests, threads, new_ticket(n, _CHUNK), records, heads_of(records), corners, cull_faces, blocked)
+    return blocked
+
+
 def blocked_rays(
     records: Records, bvh: Bvh, cull_faces: int, query: ShadowQuery | None, first: int, threads: int
 ) -> NDArray[np.int32]:
@@ -85,8 +95,7 @@ def blocked_rays(
     query : the shadow query; None: the rays are of a list, and no test is of a receiver's own surface
     first : number of the ray that records call ray 0
     """
-    heads, blocked, n = heads_of(records), np.zeros(len(records), np.bool_), len(records)
-    run(_decide_tests, threads, new_ticket(n, _CHUNK), records, heads, bvh.corners, cull_faces, blocked)
+    heads, blocked = heads_of(records), are_hits(records, bvh.corners, cull_faces, threads)
     if query is not None:
         own = heads[:, SLOT] < 0
         blocked[own] = below_horizon(first + heads[own, RAY].astype(np.int64), query, threads)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ...bvh.nodes import WideBvh, wide_tree_of
 from ...kernels.exact.predicate import two_diff
 from ...kernels.jit import inlined, kernel
-from ...kernels.marshalling import ArgumentForm, Packed, packed
+from ...kernels.marshalling import Packed, packed
 from ...kernels.parallel import NEXT, STOP, N, Ticket, items, new_ticket, run, run_short, thread_count
 from ...kernels.simd import (
     absolute,
@@ -22,8 +22,10 @@ from ...kernels.simd import (
     broadcast16,
     f32_at,
     f64_at,
+    gather,
     get,
     i32_at,
+    iota16,
     load16,
     load16x3,
     mask_from_bits16,
@@ -43,7 +45,7 @@ from ...kernels.simd import (
     to_f32,
     to_f64,
 )
-from ...query.ray_list import NO_RAYS, HitArrays, RayArguments
+from ...query.ray_list import NO_RAYS, HitArrays, RayArguments, hit_arrays
 from ...scene.scene_bounds import NEAREST
 from ..counters import N_COUNTERS, RAYS, add_counters, cleared, count, new_counters
 from .hit_reports import CORNER_WORDS, REPORT_WORDS, Report, write_nearest
@@ -80,9 +82,10 @@ _LISTED = _RAYS + LANES
 _CHUNK = 16  # batches that a thread takes at a time
 _FEW = 512  # batches
 _LINE = 16  # float32 of a cache line
+_FAR_ROWS = 1 << 16  # bytes between rows, from which on offsets in a tile may exceed int32
 _FIRST_COLUMN = np.int64(0x0101010101010101)  # bits of the first ray of each run
-_LINES = packed(NO_RUNS)
-_QUERIES = packed(False), packed(True)  # the values of any_hit
+_LINES = packed(NO_RUNS).words
+_QUERIES = packed(False).words, packed(True).words  # the values of any_hit
 _FINITE = np.float32(3.4028235e38)
 _NEAREST, _ZERO = np.float32(NEAREST), np.float32(0.0)
 
@@ -103,6 +106,15 @@ def _fill_vectors(operand, first, step, shift, rows, at):
 
 
 @inlined
+def _fill_spaced(operand, first, step, shift, rows, at):
+    """`_fill` for rows of three float32 at any distance, such as those of origins and directions in one array."""
+    begin, lane = f32_at(operand.address + first * operand.row), iota16()
+    places = select(lane < RUN, lane, lane + np.int32(step - RUN)) * np.int32(operand.row // 4)
+    for k in range(3):
+        store(rows, at + LANES * k, to_f32(to_f64(gather(begin, places + np.int32(k))) - shift[k]))
+
+
+@inlined
 def _ray_at(first, step, i, last):
     """Ray i of two runs of eight, of which the second is `step` after the `first`; at most the `last` one."""
     return min(first + (step - RUN) * (i // RUN) + i, last)
@@ -119,10 +131,12 @@ def _fill(operand, first, step, last, shift, rows, at):
 
 @inlined
 def _fill_points(operand, first, step, last, shift, rows, at):
-    """`_fill`, faster for contiguous arrays."""
-    side_by_side = operand.column == 4 << operand.double and operand.row == 3 * operand.column
-    if side_by_side and first + step + RUN - 1 <= last:
+    """`_fill`, faster for numbers side by side."""
+    side_by_side = operand.column == 4 << operand.double and first + step + RUN - 1 <= last
+    if side_by_side and operand.row == 3 * operand.column:
         _fill_vectors(operand, first, step, shift, rows, at)
+    elif side_by_side and not operand.double and operand.row % 4 == 0 and abs(operand.row) < _FAR_ROWS:
+        _fill_spaced(operand, first, step, shift, rows, at)
     else:
         _fill(operand, first, step, last, shift, rows, at)
 
@@ -266,15 +280,7 @@ class _Batches(NamedTuple):
     """A list of rays, and its batches."""
 
     rays: Packed  # a `RayList`
-    runs: NDArray[np.int64] | Packed  # (b, 3), from `runs_of`
-
-    @staticmethod
-    def of_lines(rays: Packed) -> Packed:
-        """Batches of consecutive rays, as a kernel argument."""
-        return _BATCHES.of_words(rays.words + _LINES.words, rays)
-
-
-_BATCHES = ArgumentForm(_Batches(packed(NO_RAYS), NO_RUNS))
+    runs: NDArray[np.int64]  # (b, 3), from `runs_of`
 
 
 @inlined
@@ -345,7 +351,7 @@ class _BatchScratch:
 
     def __init__(self) -> None:
         self.ticket, faults, counters = new_ticket(0, _CHUNK), np.zeros(1, np.bool_), new_counters()
-        self.packed = packed(self.ticket), packed(faults), packed(counters)
+        self.arguments = packed(self.ticket), packed(faults), packed(counters)
         self._ticket, self.faults = self.ticket.data, faults.data  # faster for single elements
 
     def begin(self, blocks: int) -> None:
@@ -362,7 +368,10 @@ class RayTracer:
 
     def __init__(self, wide: WideBvh) -> None:
         self.wide, self.tree = wide, packed(wide)
-        self._spare: list[_BatchScratch] = []  # pop and append are atomic, so no two calls share an item
+        self._spare = [_BatchScratch()]  # pop and append are atomic, so no two calls share an item
+        ticket, faults, counters = self._spare[0].arguments
+        others = packed(_Batches(packed(NO_RAYS), NO_RUNS)), packed(False), packed(hit_arrays(0, True))
+        self._key = tuple(each.group for each in (ticket, self.tree, *others, faults, counters))
 
     def trace(
         self,
@@ -378,17 +387,20 @@ class RayTracer:
         queries take rays only, not segments.
         """
         scratch = self._spare.pop() if self._spare else _BatchScratch()
-        ticket, faults, own_counters = scratch.packed
-        sums = own_counters if counters is None else counters
-        listed, output, n = rays.packed(), out.packed(), rays.n
-        if n <= _CHUNK * _RAYS:  # no second thread would get any
+        ticket, faults, own_counters = scratch.arguments
+        n = rays.n
+        if n <= _CHUNK * _RAYS and counters is None:  # no second thread would get any
             scratch.begin(-(-n // _RAYS))
-            query = _QUERIES[any_hit]
-            _blocks(ticket, self.tree, _Batches.of_lines(listed), query, output, faults, sums)  # quick: all are packed
+            listed, _arrays = rays.words()  # which live until the kernel returns
+            query = listed, _LINES, _QUERIES[any_hit], out.words()
+            words = b"".join((ticket.words, self.tree.words, *query, faults.words, own_counters.words))
+            _blocks.of_words(self._key, words)  # takes microseconds less than `_blocks(...)`
         else:
-            runs = runs_of(listed, n)
+            packed_rays = rays.packed()
+            runs = runs_of(packed_rays, n)
             scratch.begin(len(runs) or -(-n // _RAYS))
-            args = self.tree, _Batches(listed, runs), any_hit, output, faults, sums
+            sums = own_counters if counters is None else counters
+            args = self.tree, _Batches(packed_rays, runs), any_hit, out.packed(), faults, sums
             run_batches(_blocks, threads, scratch.ticket, *args)
         legal = not scratch.faults[0]
         self._spare.append(scratch)

@@ -11,44 +11,47 @@ const TABLE = {
   building: ["Preparing the rays", "Die Strahlen werden vorbereitet"],
   failed: ["This page could not be opened: {reason}", "Diese Seite lässt sich nicht öffnen: {reason}"],
   old: [
-    "This browser is too old for the page: it has no {missing}. Any browser from 2023 on has.",
+    "This browser is too old for this page: it lacks {missing}. Browsers from 2023 on have it.",
     "Dieser Browser ist zu alt für die Seite: ihm fehlt {missing}. Browser ab 2023 haben es.",
   ],
   memory: [
-    "This device has too little memory for the scene, which has {triangles} triangles. Close other pages, or open it on a computer.",
+    "This device has too little memory for the scene, which has {triangles} triangles. Close other pages, or open this page on a computer.",
     "Dieses Gerät hat zu wenig Speicher für die Szene mit {triangles} Dreiecken. Andere Seiten schließen, oder die Seite an einem Computer öffnen.",
   ],
   damaged: [
-    "The file is damaged. Copy it again from its source.",
+    "The file is damaged. Download or copy it again.",
     "Die Datei ist beschädigt. Bitte erneut von der Quelle kopieren.",
   ],
 
   // picture and tools
   picture: [
-    "Picture of the scene. Arrow keys turn it, with Shift they move it, + and - zoom, Enter asks at the centre.",
+    "Picture of the scene. Arrow keys turn it, Shift and arrow keys move it, + and - zoom, Enter clicks its centre.",
     "Bild der Szene. Pfeiltasten drehen sie, mit Umschalttaste verschieben sie, + und - zoomen, Eingabe fragt in der Bildmitte.",
   ],
   help: [
-    "Drag to turn, right button or two fingers to move, wheel or pinch to zoom.",
+    "Drag to turn. Use the right button or two fingers to move, and the wheel or a pinch to zoom.",
     "Ziehen dreht, rechte Taste oder zwei Finger verschieben, Rad oder Spreizen zoomt.",
   ],
   walk: ["Walk", "Gehen"],
   walkHelp: [
-    "W A S D or arrow keys walk, Shift runs, drag to look around, two fingers or the wheel walk too, Escape ends.",
+    "Walk with W A S D, arrow keys, the wheel or two fingers. Hold Shift to run, drag to look around, and press Escape to stop.",
     "W A S D oder Pfeiltasten gehen, Umschalttaste läuft, Ziehen schaut umher, zwei Finger oder Rad gehen auch, Escape beendet.",
   ],
   tools: ["View", "Ansicht"],
   reset: ["Reset view", "Zurücksetzen"],
-  resetDone: ["The first view is shown.", "Die erste Ansicht ist zu sehen."],
+  resetDone: ["View reset.", "Die erste Ansicht ist zu sehen."],
   link: ["Copy link", "Link kopieren"],
-  linkCopied: ["A link to this view is copied.", "Ein Link zu dieser Ansicht ist kopiert."],
-  linkShown: ["The address bar has the link to this view.", "Der Link zu dieser Ansicht steht in der Adresszeile."],
+  linkCopied: ["Link to this view copied.", "Ein Link zu dieser Ansicht ist kopiert."],
+  linkShown: [
+    "The address bar contains the link to this view.",
+    "Der Link zu dieser Ansicht steht in der Adresszeile.",
+  ],
   linkWrong: [
-    "The link has no view of this page; the first view is shown.",
+    "The link contains no view of this page, so you see the first one.",
     "Der Link hat keine Ansicht dieser Seite; die erste Ansicht ist zu sehen.",
   ],
   save: ["Save picture", "Bild speichern"],
-  saved: ["The picture is saved as {name}.", "Das Bild ist als {name} gespeichert."],
+  saved: ["Picture saved as {name}.", "Das Bild ist als {name} gespeichert."],
   north: ["North", "Norden"],
   scale: ["Scale at the centre of the picture", "Maßstab in der Bildmitte"],
   samples: ["{n} of {all} samples", "{n} von {all} Abtastungen"],
@@ -65,9 +68,9 @@ const TABLE = {
   night: ["The sun is below the horizon", "Die Sonne steht unter dem Horizont"],
 
   // answers
-  hint: ["Click a place to ask when it has sun.", "Auf eine Stelle klicken, um zu fragen, wann dort Sonne ist."],
+  hint: ["Click a place to see when it is in the sun.", "Auf eine Stelle klicken, um zu fragen, wann dort Sonne ist."],
   hintSky: [
-    "Click a place to ask how much of the sky it sees.",
+    "Click a place to see how much of the sky it sees.",
     "Auf eine Stelle klicken, um zu fragen, wie viel Himmel sie sieht.",
   ],
   nothing: ["There is no surface here.", "Hier ist keine Fläche."],
@@ -118,12 +121,12 @@ const TABLE = {
   show: ["Show", "Anzeige"],
   light: ["Light and shadow", "Licht und Schatten"],
   seen: ["What is seen from here", "Sicht von hier"],
-  sunDay: ["Hours of sun: this day", "Sonnenstunden: dieser Tag"],
-  sunYear: ["Hours of sun: year", "Sonnenstunden: Jahr"],
+  sunDay: ["Sun hours: this day", "Sonnenstunden: dieser Tag"],
+  sunYear: ["Sun hours: year", "Sonnenstunden: Jahr"],
   restart: ["Restart", "Neu starten"],
-  dayScale: ["Hours of sun on {date}", "Sonnenstunden am {date}"],
+  dayScale: ["Sun hours on {date}", "Sonnenstunden am {date}"],
   yearScale: [
-    "Hours of sun a day, mean of the 21st of each month of {year}",
+    "Sun hours per day, averaged over the 21st of each month of {year}",
     "Sonnenstunden je Tag, Mittel der 21. Tage aller Monate {year}",
   ],
   grid: ["Every {spacing} m, {state}", "Alle {spacing} m, {state}"],
@@ -137,14 +140,14 @@ const TABLE = {
   after: ["After", "Nachher"],
   divider: ["Divider between before and after", "Trennlinie zwischen vorher und nachher"],
   dividerAt: ["{before} % before, {after} % after", "{before} % vorher, {after} % nachher"],
-  notBefore: ["Before, this surface does not exist.", "Vorher gibt es diese Fläche nicht."],
-  notAfter: ["After, this surface does not exist.", "Nachher gibt es diese Fläche nicht."],
+  notBefore: ["This surface does not exist before the change.", "Vorher gibt es diese Fläche nicht."],
+  notAfter: ["This surface does not exist after the change.", "Nachher gibt es diese Fläche nicht."],
   lost: [
-    "Before {before} of sun, after {after}: {change} less.",
+    "{before} of sun before, {after} after: {change} less.",
     "Vorher {before} Sonne, nachher {after}: {change} weniger.",
   ],
   gained: [
-    "Before {before} of sun, after {after}: {change} more.",
+    "{before} of sun before, {after} after: {change} more.",
     "Vorher {before} Sonne, nachher {after}: {change} mehr.",
   ],
   same: ["{after} of sun before and after.", "Vorher und nachher {after} Sonne."],
@@ -152,7 +155,7 @@ const TABLE = {
 
   // proof
   scene: ["{triangles} triangles, scene {digest}", "{triangles} Dreiecke, Szene {digest}"],
-  proofRunning: ["Checking bits", "Bits werden geprüft"],
+  proofRunning: ["Checking this page", "Bits werden geprüft"],
   proved: [
     "Same bits as Antumbra {version}: {n} of {n} rays, scene unaltered",
     "Dieselben Bits wie Antumbra {version}: {n} von {n} Strahlen, Szene unverändert",

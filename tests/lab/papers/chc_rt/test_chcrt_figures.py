@@ -119,6 +119,11 @@ def test_options_follow_the_paper_in_proportion():
     assert options_of(10, 16)[:2] == (32, 1)
 
 
+def test_images_are_no_wider_than_figures_show(core, monkeypatch):
+    monkeypatch.setattr(chcrt_figures, "_WIDEST", SIZE[0] // 4)
+    assert culling_state(core).shape == (SIZE[1] // 4, SIZE[0] // 4)
+
+
 def test_colours(shown):
     grey, colours = shaded(shown), subtrees(shown)
     background = shown.camera.hits.part < 0

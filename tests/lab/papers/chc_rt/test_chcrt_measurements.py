@@ -8,7 +8,6 @@ from antumbra.engine.scene import procedural
 from antumbra.engine.scene_loading import load
 from antumbra.engine.store_building import build_store
 from antumbra.lab.bench_parts import BenchParts
-from antumbra.lab.papers.bench_runner import ROUNDS, Clock
 from antumbra.lab.papers.benchmark_views import agree, scene_view
 from antumbra.lab.papers.chc_rt import (
     chcrt_measurements,
@@ -29,7 +28,9 @@ SIZE = 24
 PACE = Pace(3, 1, 60.0)
 WALK = "--size", "24", "--frames", "2", "--compared", "1"
 WITHOUT_PARTS = [
-    name for name, changed in chcrt_measurements.VARIANTS.items() if not {"triangles", "build"} & changed.keys()
+    name
+    for name, changed in chcrt_measurements.VARIANTS.items()
+    if not {"triangles", "height", "build"} & changed.keys()
 ]
 
 
@@ -62,7 +63,7 @@ def parts_of(*tables):
 
 
 def run_of(*tables, policies=("lru",), pace=PACE, show=quiet):
-    return chcrt_measurements.ChcrtRun(parts_of(*tables), policies, 2, Clock.wall, pace, quiet, show)
+    return chcrt_measurements.ChcrtRun(parts_of(*tables), policies, 2, (SIZE, SIZE), pace, quiet, show)
 
 
 def test_sizes_in_memory_are_of_what_is_traced(core):
@@ -92,7 +93,7 @@ def test_variants_change_what_they_say(core):
     assert 0 < len(larger.parts.trees) < len(whole.parts.trees)
     assert (
         chcrt_measurements.VARIANTS[chcrt_measurements.BASELINE] == {}
-        and len(WITHOUT_PARTS) == len(chcrt_measurements.VARIANTS) - 3
+        and len(WITHOUT_PARTS) == len(chcrt_measurements.VARIANTS) - 5
     )
 
 
@@ -142,7 +143,7 @@ def test_ablation_in_memory(core):
 
 def test_ablation_of_a_store(place):
     case, pace = StoreCase(place, 2), PACE._replace(frames=2)
-    ((turns, digests, _),) = walked(chcrt_measurements.ablate_out_of_core(lambda: case, pace, quiet))
+    ((turns, digests, _),) = walked(chcrt_measurements.ablate_out_of_core(lambda: case, (SIZE, SIZE), pace, quiet))
     assert list(dict.fromkeys(t.method for t in turns)) == WITHOUT_PARTS
     assert {(t.method, t.kind, t.frame) for t in turns} == {
         (name, kind, frame) for name in WITHOUT_PARTS for kind in KINDS for frame in (0, 1)
@@ -155,13 +156,15 @@ def test_variants_of_a_store_have_as_many_frames_as_the_first(place, monkeypatch
     some = {name: chcrt_measurements.VARIANTS[name] for name in WITHOUT_PARTS[:2]}
     monkeypatch.setattr(chcrt_measurements, "VARIANTS", some)
     case, pace = StoreCase(place, 2), PACE._replace(frames=9, limit=0.0)
-    ((turns, *_),) = walked(chcrt_measurements.ablate_out_of_core(lambda: case, pace, quiet))
-    assert {(t.method, t.frame) for t in turns} == {(name, frame) for name in some for frame in range(1 + ROUNDS)}
+    ((turns, *_),) = walked(chcrt_measurements.ablate_out_of_core(lambda: case, (SIZE, SIZE), pace, quiet))
+    assert {(t.method, t.frame) for t in turns} == {
+        (name, frame) for name in some for frame in range(walkthrough_timing.LEAST)
+    }
 
 
 def test_bytes_read_are_of_nodes_and_of_geometry(place):
     run = run_of(ChcrtTable.times, ChcrtTable.queries)
-    chcrt_measurements.add_out_of_core("city", 120_000, None, lambda: StoreCase(place, 2), run)
+    chcrt_measurements.add_out_of_core("city", 120_000, None, None, lambda: StoreCase(place, 2), run)
     found, same = chcrt_measurements.rows_of(run.parts)
     turns = found[ChcrtTable.store]
     assert {t.method for t in turns} == {"lru"} and same is None
@@ -315,15 +318,23 @@ def test_the_command_prints_the_tables(cli):
     for part in ("Table 1", "25,975", "MB moved", "BVH", "geometry", "total MB read", "tiles of 64 pixels"):
         assert part in done.out, (part, done.out)
     assert "parts of" not in done.out and "round-robin" not in done.out and "the same by all" in done.out
-    told = cli("bench", "chc-rt", *stored, "--json")
+    told = cli("bench", "chc-rt", *stored, "--ablation-size", "12x9", "--json")
     assert "ms per frame" not in told.err and told.json()["same_answers"]
     assert {*told.json()} >= {"scenes", "store", "ablation"} and "times" not in told.json()
+    rays = {table: {t["rays"] for t in told.json()[table] if t["kind"] == PRIMARY} for table in ("store", "ablation")}
+    assert rays == {"store": {24 * 24}, "ablation": {12 * 9}}
     (size,) = told.json()["scenes"]
     assert (
         size["triangles"] == procedural("cellar", triangles=2000).n_triangles
         and 0 < size["bvh"] < size["total"]
         and size["share"] == 1.0
     )
+
+
+def test_a_percentage_of_a_store_is_in_memory(cli):
+    cli("build", "procedural:cellar?triangles=2k", "-o", "small.antumbra", "--quiet")
+    told = cli("bench", "chc-rt", "--store", "small.antumbra", "--in-core", "50", *WALK, "--table", "scenes", "--json")
+    assert [size["share"] for size in told.json()["scenes"]] == [0.5]
 
 
 def test_the_plot_of_a_store(cli, tmp_path):

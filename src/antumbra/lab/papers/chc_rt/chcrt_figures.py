@@ -29,7 +29,7 @@ from ..bench_runner import Say, save_sheet
 from ..published_methods import tracer_name
 from . import chcrt_published
 from .walkthrough_timing import SAMPLERS, InCore, colour_bleeding, error_of
-from .walkthroughs import DIFFUSE, SAMPLER, Culling, FrameRays, timed
+from .walkthroughs import DIFFUSE, SAMPLER, Culling, FrameRays, WalkPlace, timed
 
 # --- The tiles, parts and triangles that query pairs cover [Mattausch et al. 2015, Fig. 4 to 6] -----------------------
 #
@@ -161,6 +161,7 @@ SHORT = 1 / 100
 
 _FRAMES = 2
 _WALK = 60  # frames of the walk, of which the first _FRAMES are traced
+_WIDEST = 640  # pixels; a panel of a figure has fewer
 _TILES = 1920 / 200  # tiles across the paper's screen
 _PARTS = 64  # minimum
 _MANY, _MUCH = 2_000_000, 1 / 6  # triangles that make a tile of Fig. 4 opaque; at most this share of the scene
@@ -209,7 +210,7 @@ def options_of(triangles: int, width: int) -> ChcRtOptions:
 
 def culling_state(core: InCore) -> CullingState:
     """Trace the first frames; InputError if no surface is visible from the camera."""
-    tree, walk = core.culling().scheduled.parts.keeps, core.place.walks[0]
+    tree, walk = core.culling().scheduled.parts.keeps, _no_wider(core.place).walks[0]
     assert isinstance(tree, BlockTree)
     options = options_of(len(core.triangles.vertices), walk.first.width)
     parts = parts_of(tree, options)
@@ -237,6 +238,12 @@ def culling_state(core: InCore) -> CullingState:
     return CullingState(
         core.place.name, parts, surfaces, length, camera_state, short_state, long_state, exact, neglecting, rotated
     )
+
+
+def _no_wider(place: WalkPlace) -> WalkPlace:
+    """The place, with images that are no wider than a figure shows."""
+    width, height = place.walks[0].first.width, place.walks[0].first.height
+    return place if width <= _WIDEST else place.resized(_WIDEST, max(1, round(height * _WIDEST / width)))
 
 
 def _camera_state(scheduled: ChcRtState, frame_rays: FrameRays, threads: int) -> PassState:

@@ -13,15 +13,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ....base.files import temporary_folder
-from ....engine.scene import procedural
 from ....engine.scene_loading import load
 from ....engine.store_building import build_store
+from ....generate.generated_scene import StreamedCity
 from ....store.store_build import CHUNK
 from ....store.store_format import chunk_places
 from ....store.system_resources import MAX_MEMORY
 from ....techniques.tracer_options import WHOLE_SCREEN
 from ...bench_parts import BenchParts
-from ..bench_runner import ROUNDS, Clock, Say, clocked
+from ..bench_runner import ROUNDS, Say
 from ..benchmark_views import agree, scene_view
 from . import store_walkthroughs, walkthrough_timing
 from .chcrt_figures import FIGURES, name_of, write_pictures
@@ -78,6 +78,8 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "tiles of 256 pixels": {"tile": 256},
     "parts of 65,536 triangles": {"triangles": 1 << 16},
     "parts of 4 M triangles": {"triangles": 1 << 22},
+    "parts of 16 levels": {"height": 16},
+    "parts of 32 levels": {"height": 32},
     "no optimised tree": {"build": "bsah"},
 }
 """Variant -> what it changes, as for `InCore.culling_by`."""
@@ -99,18 +101,21 @@ def ablate_in_memory(place: WalkPlace, core: Callable[[], InCore], pace: Pace, s
     yield NEAR, measure
 
 
-def ablate_out_of_core(case: MakeCase, pace: Pace, say: Say) -> Walks:
+def ablate_out_of_core(case: MakeCase, size: tuple[int, int], pace: Pace, say: Say) -> Walks:
     """The near walkthrough by each variant, starting with no chunk in memory.
 
     A store's parts are its chunks, so variants with other parts or trees are skipped. The rest trace as many frames as
     the first variant reaches within the time limit.
+
+    size : (width, height) of the images
     """
 
     def measure() -> Walked:
         made, turns, digests = case(), list[Turn](), Digests()
+        made = made._replace(place=made.place.resized(*size))
         limited = pace.shorter()._replace(most=_MOST)
         for name, changed in VARIANTS.items():
-            if {"triangles", "build"} & changed.keys():
+            if {"triangles", "height", "build"} & changed.keys():
                 continue
             with store_walkthroughs.opened(made) as paged:
                 scheduled = paged.accelerated.prepared
@@ -150,7 +155,7 @@ class ChcrtRun(NamedTuple):
     parts: BenchParts
     policies: Sequence[str]  # of eviction, to measure out of core
     threads: int
-    clock: Clock  # in memory; out of core, waiting for the disk counts
+    ablation_size: tuple[int, int]  # (width, height) of the images of the ablation
     pace: Pace
     say: Say
     show: Callable[[list[Turn]], None]  # called with the turns of each walkthrough as soon as it ends
@@ -181,16 +186,15 @@ def add_in_memory(places: Iterable[WalkPlace], run: ChcrtRun) -> None:
     for place in places:
         built = cache(partial(_built, place, run))
         name = place.name
-        with clocked(run.clock):
-            triangles = place.scene.n_triangles
-            run.parts.add(ChcrtTable.scenes, name, partial(_measured_size, built), triangles=triangles)
-            for table, walks in {
-                ChcrtTable.times: walkthrough_timing.times,
-                ChcrtTable.randomisation: walkthrough_timing.randomisation,
-                ChcrtTable.aggressive: walkthrough_timing.aggressive,
-                ChcrtTable.ablation: ablate_in_memory,
-            }.items():
-                run.add(table, name, walks(place, built, pace, say), triangles=triangles)
+        triangles = place.scene.n_triangles
+        run.parts.add(ChcrtTable.scenes, name, partial(_measured_size, built), triangles=triangles)
+        for table, walks in {
+            ChcrtTable.times: walkthrough_timing.times(place, built, pace, say),
+            ChcrtTable.randomisation: walkthrough_timing.randomisation(place, built, pace, say),
+            ChcrtTable.aggressive: walkthrough_timing.aggressive(place, built, pace, say),
+            ChcrtTable.ablation: ablate_in_memory(place.resized(*run.ablation_size), built, pace, say),
+        }.items():
+            run.add(table, name, walks, triangles=triangles)
         if run.pictures is not None and not (run.pictures / name_of(name, FIGURES[0])).exists():
             built()
 
@@ -210,14 +214,16 @@ def _measured_size(core: Callable[[], InCore]) -> list[SceneSize]:
 _WHOLE_BYTES = 300  # memory per triangle for the whole tree of a store, in both forms of `mapped_tree.MappedTree`
 
 
-def add_out_of_core(scene: str, triangles: int, memory: int | None, case: MakeCase, run: ChcrtRun) -> None:
+def add_out_of_core(
+    scene: str, triangles: int, memory: int | None, share: float | None, case: MakeCase, run: ChcrtRun
+) -> None:
     """Measure a store.
 
     The ordinary tracer is compared if its tree fits in the memory limit.
 
     scene : names the store's parts
     triangles : about the number of its triangles
-    memory : the limit in bytes; None: the default
+    memory, share : see `StoreCase`
     """
     pace, say = run.pace, run.say
     whole = triangles * _WHOLE_BYTES <= (memory or MAX_MEMORY)
@@ -242,9 +248,9 @@ def add_out_of_core(scene: str, triangles: int, memory: int | None, case: MakeCa
             ChcrtTable.mapped: store_walkthroughs.map_through(case, written, longest, say) if whole else (),
             ChcrtTable.bounces: store_walkthroughs.bounce_through(case, tree, pace._replace(most=1 + ROUNDS), say),
             ChcrtTable.aggressive: store_walkthroughs.aggressive_out_of_core(case, pace, say),
-            ChcrtTable.ablation: ablate_out_of_core(case, pace, say),
+            ChcrtTable.ablation: ablate_out_of_core(case, run.ablation_size, pace, say),
         }
-        of_scene = {"memory": memory, "triangles": triangles}
+        of_scene = {"memory": memory, "share": share, "triangles": triangles}
         run.parts.add(ChcrtTable.scenes, scene, lambda: [size_of_store(case())], **of_scene)
         for table, each in walks.items():
             run.add(table, scene, each, **of_scene)
@@ -269,14 +275,14 @@ def add_temporary_store(triangles: int, size: tuple[int, int], run: ChcrtRun) ->
             path = stack.enter_context(temporary_folder()) / "city.antumbra"
             run.say("building a store")
             chunk = min(CHUNK, max(triangles // _CHUNKS, 1))
-            build_store([procedural("city", triangles=triangles)], path, chunk=chunk)
+            build_store([StreamedCity(triangles, 0, run.threads)], path, chunk=chunk)
             scene = load(path)
             place = place_of(scene_view(f"store of {scene.n_triangles:,} triangles", scene, size))
             made = StoreCase(place, run.threads, share=IN_CORE_SHARE)
             stack.callback(made.store.close)
             return made
 
-        add_out_of_core(f"store of about {triangles:,} triangles", triangles, None, case, run)
+        add_out_of_core(f"store of about {triangles:,} triangles", triangles, None, IN_CORE_SHARE, case, run)
 
 
 def rows_of(parts: BenchParts) -> tuple[TableRows, bool | None]:

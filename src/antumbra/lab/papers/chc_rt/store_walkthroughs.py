@@ -152,9 +152,8 @@ MakeCase = Callable[[], StoreCase]
 
 def out_of_core(case: MakeCase, pace: Pace, policies: Sequence[str], say: Say) -> Walks:
     """Walkthroughs under each eviction policy, the `method` of its turns."""
-    for view in VIEWS:
-        for policy in policies:
-            yield f"{view}, {policy}", partial(_under_policy, case, view, policy, pace, say)
+    for policy, view in product(policies, VIEWS):
+        yield f"{view}, {policy}", partial(_under_policy, case, view, policy, pace, say)
 
 
 def _under_policy(case: MakeCase, view: str, policy: str, pace: Pace, say: Say) -> Walked:
@@ -186,11 +185,16 @@ def walk_through_store(case: StoreCase, walk: Walk, paged: Paged, name: str, pac
             else:
                 seconds, answers = timed(method, rays, kind)
             moved = _moved(before, paged)
-            query = f"{walk.name}, {frame}, {kind}"
+            query = _query(walk, camera, frame, kind)
             digests += [(query, digest(a for answer in answers for a in answer)), _hits_digest(query, answers)]
             where = place.name, walk.name, SAMPLER, kind, name, frame
             turns.append(Turn(*where, rays.rays(kind), seconds, {**statistics(), **moved}, 0))
     return Walked(turns, digests)
+
+
+def _query(walk: Walk, camera: Camera, frame: int, kind: str) -> str:
+    """The query of a frame's rays, which names their answers."""
+    return f"{walk.name}, {camera.width} x {camera.height}, {frame}, {kind}"
 
 
 def _hits_digest(query: str, answers: Sequence[Answer]) -> tuple[str, bytes]:
@@ -221,7 +225,7 @@ def _mapped(case: MakeCase, tree: Callable[[], Path], view: str, pace: Callable[
                 before = storage_bytes()
                 seconds, answers = timed(method, rays, kind)
                 read = {} if before is None else {"bytes": (storage_bytes() or 0) - before}
-                digests.append(_hits_digest(f"{walk.name}, {frame}, {kind}", answers))
+                digests.append(_hits_digest(_query(walk, camera, frame, kind), answers))
                 where = place.name, walk.name, SAMPLER, kind, name, frame
                 turns.append(Turn(*where, rays.rays(kind), seconds, dict[str, float](read), 0))
         return Walked(turns, digests)
@@ -266,7 +270,7 @@ def _diffuse_through(case: StoreCase, walk: Walk, paged: Paged, name: str, pace:
         rays = frame_rays(place, camera, _look(paged, camera), SAMPLER, threads)
         before = paged.residency.paging
         seconds, answers = _in_blocks(exact, rays, threads) if name == RIVAL else timed(method, rays, DIFFUSE)
-        digests.append(_hits_digest(f"{walk.name}, {frame}, {DIFFUSE}", answers))
+        digests.append(_hits_digest(_query(walk, camera, frame, DIFFUSE), answers))
         where = place.name, walk.name, SAMPLER, DIFFUSE, name, frame
         turns.append(Turn(*where, rays.rays(DIFFUSE), seconds, dict[str, float](_moved(before, paged)), 0))
         del rays, answers  # free their memory for the next frame

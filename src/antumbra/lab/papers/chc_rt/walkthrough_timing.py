@@ -27,7 +27,7 @@ from ....scene.camera import Camera
 from ....techniques.chcrt.chc_rt import ChcRtState
 from ....techniques.chcrt.tree_parts import TreeParts, parts_of
 from ....techniques.tracer_options import ChcRtOptions
-from ..bench_runner import ROUNDS, Say
+from ..bench_runner import Say
 from ..published_methods import THRESHOLDS, tracer_name
 from .walkthroughs import (
     AO,
@@ -63,6 +63,8 @@ _SMALL = 64, 36  # pixels of the frame that warms up
 
 
 _SHARE = 3  # further walkthroughs get 1 / _SHARE of the time limit
+LEAST = 2
+"""Frames of a walkthrough that always run: the first, and one that continues its state."""
 
 
 class Pace(NamedTuple):
@@ -70,7 +72,7 @@ class Pace(NamedTuple):
 
     frames: int  # frames of the whole walkthrough
     compared: int  # frames after the first that the stateless methods trace
-    limit: float  # seconds after which no further frame begins; the first and ROUNDS more always do
+    limit: float  # seconds after which no further frame begins; the first LEAST always do
     most: int = 10_000  # frames after which the walkthrough is cut short
 
     def takes_part(self, method: Method, frame: int) -> bool:
@@ -85,7 +87,7 @@ class Pace(NamedTuple):
         """Yield (frame, camera) until the time limit, and report each frame to `say`."""
         start = perf_counter()
         for frame in range(min(self.frames, self.most)):
-            if frame > ROUNDS and perf_counter() - start > self.limit:
+            if frame >= LEAST and perf_counter() - start > self.limit:
                 return
             say(f"{what}, frame {frame + 1} of {self.frames}")
             yield frame, walk.camera(frame, self.frames)

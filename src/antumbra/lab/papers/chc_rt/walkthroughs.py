@@ -81,6 +81,14 @@ class WalkPlace(NamedTuple):
         """The walkthrough of one of VIEWS."""
         return self.walks[VIEWS.index(view)]
 
+    def resized(self, width: int, height: int) -> "WalkPlace":
+        """The same place with images of another size."""
+        near, far = (
+            walk._replace(first=walk.first.resized(width, height), last=walk.last.resized(width, height))
+            for walk in self.walks
+        )
+        return self._replace(walks=(near, far))
+
 
 def scenes(triangles: int) -> BenchmarkScenes:
     """The scenes of the benchmark; the city has about `triangles` triangles."""

@@ -1,0 +1,159 @@
+"""Part residency on a device: its memory is a cache of the trees of parts [Mattausch et al. 2015, Sec. 5.4].
+
+Parts that are on the device are traced first. The others follow in the order of the query pairs: they come to the
+memory of the host, are queried once more, and are uploaded if a ray still needs them. The least recently used part is
+evicted first.
+"""
+
+from collections import OrderedDict
+from collections.abc import Callable, Generator
+from contextlib import closing
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.memory import readable_size
+from ...bvh.block_tree import BlockTree
+from ...bvh.compact_tree import bvh_of, compacted
+from ...bvh.nodes import Bvh
+from ...devices.device import Device, OutOfDeviceMemory
+from ...trace.device.device_tree import tree_bytes
+from ...trace.device.part_trees import PartTree, part_tree
+from ...trace.device.tree_list_kernels import TREE_WORDS
+from .tree_parts import Mark, PartMemory
+
+_PORTION = 16  # parts uploaded and traced together: segments that they block need none of the parts behind
+
+
+class DeviceTraffic(NamedTuple):
+    """Counts of parts requested on a device and uploaded, as in Table 3 of the paper."""
+
+    wanted: int  # requests for parts
+    kept: int  # requests for parts that were there
+    uploaded: int  # parts uploaded
+    evicted: int  # parts evicted
+    bytes: int  # bytes of parts uploaded
+    bvh_bytes: int  # bytes of nodes among them; the rest are triangles
+
+
+class DeviceResidency:
+    """The parts of a scene on a device: a `PartMemory` on top of another one, from which it uploads.
+
+    device : Device
+    host : PartMemory
+        Brings parts to the memory of the host.
+    tree_of : function of a part
+        Its tree, while it is in the memory of the host.
+    parts : int
+        Number of parts.
+    budget : int
+        Limit in bytes on the parts on the device. It may change between frames.
+
+    Attributes
+    ----------
+    trees : (parts, TREE_WORDS) int64
+        Rows of the table of trees; valid only for parts on the device.
+    """
+
+    def __init__(
+        self, device: Device, host: PartMemory, tree_of: Callable[[int], BlockTree], parts: int, budget: int
+    ) -> None:
+        self.device, self.budget, self._host, self._tree_of = device, budget, host, tree_of
+        self.trees = np.zeros((parts, TREE_WORDS), np.int64)
+        self.traffic = DeviceTraffic(0, 0, 0, 0, 0, 0)
+        self.used = 0
+        self._parts: OrderedDict[int, PartTree] = OrderedDict()  # the next part to evict comes first
+
+    def __contains__(self, k: int) -> bool:
+        return k in self._parts
+
+    def begin_question(self) -> None:
+        """Start a tracing call."""
+        self._host.begin_question()
+
+    def groups(
+        self, parts: NDArray[np.int32], still: Callable[[NDArray[np.int64]], NDArray[np.bool_]], mark: Mark | None
+    ) -> Generator[NDArray[np.int64], None, None]:
+        """Yield these parts in groups, those on the device first; see `PartMemory.groups`.
+
+        Raises
+        ------
+        OutOfDeviceMemory
+            If a part exceeds the budget, or the device has no room for it.
+        """
+        here = np.array([k for k in parts.tolist() if k in self._parts], np.int64)
+        missing = np.array([k for k in parts.tolist() if k not in self._parts], np.int32)
+        self._count(wanted=len(parts), kept=len(here))
+        if len(here):
+            yield here
+            for k in here.tolist():
+                self._parts.move_to_end(k)
+        if len(missing):
+            with closing(self._host.groups(missing, still, mark)) as groups:
+                for group in groups:
+                    for first in range(0, len(group), _PORTION):
+                        portion = np.asarray(group[first : first + _PORTION], np.int64)
+                        yield from self._uploaded(portion[still(portion)])
+
+    def trim(self) -> None:
+        """Evict parts until the rest fit in the budget."""
+        while self._parts and self.used > self.budget:
+            self._evict(next(iter(self._parts)))
+
+    def close(self) -> None:
+        """Evict all parts."""
+        for k in list(self._parts):
+            self._evict(k)
+
+    def _uploaded(self, portion: NDArray[np.int64]) -> Generator[NDArray[np.int64], None, None]:
+        """Upload parts, and yield them in groups that fit in the budget."""
+        group: list[int] = []
+        for k in portion.tolist():
+            bvh = bvh_of(compacted(self._tree_of(k)))
+            size = tree_bytes(bvh)
+            if group and size + sum(self._parts[each].bytes for each in group) > self.budget:
+                yield np.array(group)
+                group = []
+            self._make_room(size, group)
+            self._add(k, self._upload(bvh, group))
+            group.append(k)
+        if group:
+            yield np.array(group)
+
+    def _make_room(self, size: int, pinned: list[int]) -> None:
+        """Evict the least recently used parts until `size` bytes fit in the budget."""
+        if size > self.budget:
+            message = (
+                f"a part of the scene needs {readable_size(size)} of memory on {self.device}, and parts may take "
+                f"{readable_size(self.budget)} there; build the store with smaller chunks, or compute on the CPU"
+            )
+            raise OutOfDeviceMemory(message, size, self.budget)
+        while self.used + size > self.budget:
+            self._evict(next(each for each in self._parts if each not in pinned))
+
+    def _upload(self, bvh: Bvh, pinned: list[int]) -> PartTree:
+        """Upload a tree. If others have taken the device's memory, parts leave for it."""
+        while True:
+            try:
+                return part_tree(bvh, self.device)
+            except OutOfDeviceMemory:
+                if (oldest := next((each for each in self._parts if each not in pinned), None)) is None:
+                    raise
+                self._evict(oldest)
+
+    def _add(self, k: int, tree: PartTree) -> None:
+        self._parts[k], self.trees[k] = tree, tree.row
+        self.used += tree.bytes
+        self._count(uploaded=1, bytes=tree.bytes, bvh_bytes=tree.bvh_bytes)
+
+    def _evict(self, k: int) -> None:
+        tree = self._parts.pop(k)
+        self.used -= tree.bytes
+        self.trees[k] = 0
+        tree.memory.free()
+        self._count(evicted=1)
+
+    def _count(self, **increments: int) -> None:
+        traffic = {name: getattr(self.traffic, name) + n for name, n in increments.items()}
+        self.traffic = self.traffic._replace(**traffic)

@@ -1,0 +1,203 @@
+"""Stores whose chunks are cached in a device, which traces shadow rays, give the pictures of scenes in memory."""
+
+import numpy as np
+import pytest
+
+import antumbra as at
+from antumbra.base.errors import InputError
+from antumbra.devices.device import OutOfDeviceMemory
+from antumbra.picture.renderer import Renderer
+from antumbra.store import tiled_store
+from antumbra.techniques.chcrt.device_parts import OnDeviceParts
+from cutout_scenes import scene_with_cutouts
+from truths import LIGHTS, soup_scene
+from turned import BOTH, FIRST, camera_in, lights_in, scene_in
+
+ON_DEVICE = pytest.mark.parametrize(
+    "device", [pytest.param(d, marks=pytest.mark.device(d)) for d in ("host", "opencl")]
+)
+SIZE = 72, 60
+LIGHT = at.QuadLight((-30, 60, -20), (30, 0, 0), (0, 0, 30))
+SUN = at.DirectionalLight((0.4, -1, 0.3))
+
+
+def plan_on(device):
+    return f"bsah+chcrt+device:{device}:0"
+
+
+@pytest.fixture(scope="module")
+def city(tmp_path_factory):
+    """(scene in memory, path of its store of 40 chunks or more)."""
+    scene, path = at.procedural("city", triangles=20_000), tmp_path_factory.mktemp("paged") / "city.antumbra"
+    assert at.build_store(scene, path, chunk=512).chunks >= 40
+    return scene, path
+
+
+def _walk(scene):
+    """Cameras: a far one, two in a street, and the last one again."""
+    street = [at.Camera((7, 1.7, 30 - 4 * k), (7, 3, -60), width=SIZE[0], height=SIZE[1]) for k in range(2)]
+    return [scene.cameras[0].resized(*SIZE), *street, street[-1]]
+
+
+def _renderer(path, device, chunks=None):
+    """A renderer of a store whose device has room for some of the largest chunks; None: for all."""
+    renderer = Renderer(at.load(path), plan_on(device), 2)
+    if chunks is not None:
+        there = renderer.source.on_device
+        there.budget = chunks * 90 * int(renderer.source.store.chunks.triangles.max())
+    return renderer
+
+
+def _same(frame, other):
+    assert len(frame.bits) == len(other.bits)
+    for a, b in zip(frame.bits, other.bits):
+        np.testing.assert_array_equal(a, b)
+    np.testing.assert_array_equal(frame.gbuffer.face, other.gbuffer.face)
+    np.testing.assert_array_equal(frame.image, other.image)
+
+
+@ON_DEVICE
+@pytest.mark.parametrize("chunks", [None, 1, 5])
+def test_pictures_are_those_in_memory(city, device, chunks):
+    scene, path = city
+    lights = [LIGHT, SUN, at.AmbientOcclusion(3.0), LIGHTS["interleaved list"]]
+    renderer, inside, frames = _renderer(path, device, chunks), Renderer(scene, "bsah+single", 2), []
+    for camera in _walk(scene):
+        frames.append(renderer.render(camera, lights, spp=4))
+        _same(frames[-1], inside.render(camera, lights, spp=4))
+        there = renderer.source.on_device
+        assert there.used <= there.budget and frames[-1].plan == plan_on(device)
+        paging = frames[-1].paging
+        assert paging["device_wanted"] >= paging["device_kept"] + paging["device_uploaded"]
+        assert (paging["device_bytes"] > paging["device_bvh_bytes"] > 0) == (paging["device_uploaded"] > 0)
+    uploads, evictions = ([frame.paging[f"device_{name}"] for frame in frames] for name in ("uploaded", "evicted"))
+    assert isinstance(renderer.source.accelerated.prepared.on_device, OnDeviceParts)
+    assert uploads[0] > 0 and frames[-1].paging["device_wanted"] > 0
+    assert (uploads[-1] == 0) == (chunks is None) and (sum(evictions) > 0) == (chunks is not None)
+
+
+@ON_DEVICE
+def test_counters_count_the_rays(city, device):
+    scene, path = city
+    camera = _walk(scene)[1]
+    frames = [
+        Renderer(at.load(path), plan, 2).render(camera, [LIGHT], spp=4, counters=True)
+        for plan in (plan_on(device), "bsah+chcrt")
+    ]
+    assert frames[0].counters["rays"] == frames[1].counters["rays"] > 0
+
+
+@ON_DEVICE
+@pytest.mark.parametrize("light", LIGHTS)
+def test_hostile_points_see_lights_as_they_do_in_memory(device, light, tmp_path):
+    scene, path = soup_scene(3), tmp_path / "soup.antumbra"
+    at.build_store(scene, path, chunk=256)
+    rng = np.random.default_rng(2)
+    corners = scene.triangles().vertices[rng.integers(0, scene.n_triangles, 300), 0] + scene.origin
+    points = np.concatenate([corners, rng.uniform(-4, 4, (300, 3))])
+    normals = rng.normal(size=(600, 3)) if LIGHTS[light].domain == "hemisphere" else None
+    found, truth = (
+        at.visibility(each, points, LIGHTS[light], normals, spp=20, plan=plan)
+        for each, plan in ((at.load(path), plan_on(device)), (scene, "bsah+single"))
+    )
+    np.testing.assert_array_equal(found.bits, truth.bits)
+    assert truth.bits.any()
+
+
+@ON_DEVICE
+def test_faces_that_let_light_pass(device, tmp_path):
+    scene, path = scene_with_cutouts(), tmp_path / "holes.antumbra"
+    at.build_store(scene, path, chunk=16)
+    camera = at.Camera((0, 2, 9), (0, 0.5, 0), width=36, height=28)
+    lights = [at.QuadLight((-2, 5, -2), (4, 1, 0), (0, 0, 4)), at.AmbientOcclusion(3.0)]
+    renderer = _renderer(path, device)
+    _same(renderer.render(camera, lights, spp=4), at.render(scene, camera, lights, spp=4, plan="bsah+single"))
+    assert renderer.source.on_device.traffic.uploaded > 0
+
+
+@ON_DEVICE
+@pytest.mark.parametrize("ranges", [1, 2])
+def test_tiles_in_several_ranges(city, device, ranges, tmp_path, monkeypatch):
+    scene, _ = city
+    at.build_store(scene, tmp_path / "all.tiles", chunk=512, tile=scene.n_triangles // 4)
+    if ranges > 1:
+        monkeypatch.setattr(tiled_store, "MAX_TRIANGLES", 2 * scene.n_triangles // 3)
+    renderer = _renderer(tmp_path / "all.tiles", device, 3)
+    assert len(renderer.source.store.ranges) == ranges
+    inside = Renderer(scene, "bsah+single", 2)
+    for camera in _walk(scene)[::2]:
+        _same(renderer.render(camera, [LIGHT, SUN], spp=4), inside.render(camera, [LIGHT, SUN], spp=4))
+    assert renderer.source.on_device.traffic.evicted > 0
+
+
+@ON_DEVICE
+@pytest.mark.parametrize("turn", [FIRST, BOTH], ids=["first", "turned"])
+@pytest.mark.parametrize("unit", [1.0, 0.3048], ids=["metres", "feet"])
+def test_a_scene_that_is_turned_and_measured_in_feet(device, turn, unit, tmp_path):
+    whole, path = scene_in(turn), tmp_path / "blocks.antumbra"
+    vertices = (whole.triangles().vertices + whole.origin) / unit
+    scene = at.Scene.from_arrays(vertices, up=turn.up, unit="m" if unit == 1.0 else "ft")
+    at.build_store(scene, path, chunk=16)
+    camera, lights = camera_in(turn), lights_in(turn)
+    frame, truth = (
+        at.render(each, camera, lights, spp=4, plan=plan)
+        for each, plan in ((at.load(path), plan_on(device)), (scene, "bsah+single"))
+    )
+    for found, right in zip(frame.bits, truth.bits):
+        np.testing.assert_array_equal(found, right)
+    assert frame.paging["device_uploaded"] > 0 and any(bits.any() for bits in truth.bits)
+
+
+def test_questions_between_frames_keep_their_own_fronts(city):
+    """Points, pictures and ray lists take turns, on the device and on the CPU, with calls of equal numbers."""
+    scene, path = city
+    stored = at.Engine(at.load(path), plan_on("host"), threads=2)
+    points = np.random.default_rng(3).uniform((-40, 0.2, -40), (40, 12, 40), (400, 3))
+    targets = points[::-1]
+    for _ in range(2):
+        found = stored.visibility(at.Receivers.in_space(points, scene.origin), LIGHT, spp=20)
+        np.testing.assert_array_equal(found.bits[:, 0], at.visibility(scene, points, LIGHT, spp=20).bits)
+        np.testing.assert_array_equal(stored.occluded(points, targets=targets), scene.occluded(points, targets=targets))
+        hits = [each.closest_hit(points, targets - points) for each in (stored, scene)]
+        np.testing.assert_array_equal(hits[0].face, hits[1].face)
+
+
+def test_a_chunk_without_area_blocks_nothing(tmp_path):
+    scene, path = at.Scene.from_arrays([[[-1, 0, 0], [0, 0, 0], [1, 0, 0]]]), tmp_path / "line.antumbra"
+    at.build_store(scene, path)
+    stored = at.Engine(at.load(path), plan_on("host"))
+    points = at.Receivers.in_space([[0, -1, 0], [0.25, -2, 0.5]], scene.origin)
+    assert not stored.visibility(points, at.PointLight((0, 1, 0))).bits.any()
+    assert stored.source.on_device.traffic.uploaded == 1
+
+
+def test_nothing_to_trace_needs_no_chunks(city):
+    path = city[1]
+    found = at.visibility(at.load(path), np.zeros((0, 3)), LIGHT, spp=4, plan=plan_on("host"))
+    assert found.bits.shape[0] == 0
+    away = at.Camera((0, 900, 0), (0, 1000, 1), width=20, height=20)
+    frame = _renderer(path, "host").render(away, [LIGHT], spp=4)
+    assert not frame.mask.any() and frame.paging["device_uploaded"] == 0
+
+
+def test_chunks_above_the_limit_are_refused(city):
+    renderer = _renderer(city[1], "host")
+    renderer.source.on_device.budget = 1000
+    with pytest.raises(OutOfDeviceMemory, match=r"a part of the scene needs .* parts may take 1\.0 kB there"):
+        renderer.render(_walk(city[0])[0], [LIGHT], spp=4)
+
+
+@pytest.mark.parametrize("plan", [plan_on("host"), "chcrt+device:host+bsah", "device:host+bsah+chcrt"])
+def test_the_plan_is_for_stores_alone(city, plan):
+    scene, path = city
+    assert str(at.Engine(at.load(path), plan).plan) == plan_on("host")
+    with pytest.raises(InputError, match=r"chcrt\+device:host:0 is for scenes in a store.* use device:host:0"):
+        at.render(scene, _walk(scene)[0], [LIGHT], spp=4, plan=plan)
+
+
+def test_the_command_line_says_what_was_uploaded(city, cli):
+    words = "render", str(city[1]), "--size", "24", "--spp", "4", "--explain-plan", "-o", "a.png"
+    out = cli(*words, "--plan", plan_on("host")).out
+    assert "on the device" in out and "were uploaded" in out and "The device host:0 traced the shadow rays" in out
+    plain = cli(*words, "--device", "host").out
+    assert "by the plan bsah+chcrt+device:host:0, the device traces shadow rays" in plain
