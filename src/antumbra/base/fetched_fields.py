@@ -12,10 +12,9 @@ class FetchedFields:
     """
 
     _plain: ClassVar[Any]
-    _fields: ClassVar[tuple[str, ...]]
 
     def __iter__(self) -> Iterator[Any]:
-        return (getattr(self, name) for name in self._fields)
+        return (getattr(self, name) for name in self._plain._fields)
 
     def __getitem__(self, key: Any) -> Any:
         return tuple(self)[key]

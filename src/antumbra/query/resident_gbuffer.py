@@ -58,8 +58,8 @@ class ResidentGBuffer(FetchedFields, GBuffer):
         new.there = there
         return new
 
-    position = property(lambda self: self.there.position)  # type: ignore[assignment]
-    normal = property(lambda self: self.there.normal)  # type: ignore[assignment]
-    face = property(lambda self: self.there.face)  # type: ignore[assignment]
-    depth = property(lambda self: self.there.depth)  # type: ignore[assignment]
-    side = property(lambda self: self.there.side)  # type: ignore[assignment]
+    position = property(lambda self: self.there.position)
+    normal = property(lambda self: self.there.normal)
+    face = property(lambda self: self.there.face)
+    depth = property(lambda self: self.there.depth)
+    side = property(lambda self: self.there.side)

@@ -76,7 +76,7 @@ class ResidentQuery(FetchedFields, ShadowQuery):
     there : ResidentSurfaces
     """
 
-    _plain = ShadowQuery
+    _plain, _own = ShadowQuery, ("light", "samples", "cull_faces")
     there: ResidentSurfaces
 
     @classmethod
@@ -84,14 +84,14 @@ class ResidentQuery(FetchedFields, ShadowQuery):
         cls, there: ResidentSurfaces, light: LightPatch, samples: NDArray[np.float64], cull_faces: int
     ) -> "ResidentQuery":
         """The query of a light at these surfaces."""
-        new = cls(*[None] * 5, light, samples, cull_faces, None)  # type: ignore[arg-type]
+        new = cls._make([*[None] * 5, light, samples, cull_faces, None])
         new.there = there
         return new
 
     def _replace(self, **changes: Any) -> Any:
-        if changes.keys() <= {"light", "samples", "cull_faces"}:
-            kept = {"light": self.light, "samples": self.samples, "cull_faces": self.cull_faces}
-            return ResidentQuery.of(self.there, **kept | changes)
+        if changes.keys() <= set(self._own):
+            light, samples, cull_faces = (changes.get(name, getattr(self, name)) for name in self._own)
+            return ResidentQuery.of(self.there, light, samples, cull_faces)
         return super()._replace(**changes)
 
     @property
@@ -102,14 +102,14 @@ class ResidentQuery(FetchedFields, ShadowQuery):
     def receivers(self) -> tuple[object, ...]:
         return (self.there,)
 
-    origins = property(lambda self: self.there.origins)  # type: ignore[assignment]
-    faces = property(lambda self: self.there.face)  # type: ignore[assignment]
-    sides = property(lambda self: self.there.side)  # type: ignore[assignment]
-    ids = property(lambda self: self.there.face)  # type: ignore[assignment]
-    corners = property(lambda self: self.there.triangles.vertices.reshape(-1, 9))  # type: ignore[assignment]
+    origins = property(lambda self: self.there.origins)
+    faces = property(lambda self: self.there.face)
+    sides = property(lambda self: self.there.side)
+    ids = property(lambda self: self.there.face)
+    corners = property(lambda self: self.there.triangles.vertices.reshape(-1, 9))
 
     @property
-    def normals(self) -> NDArray[np.float64]:  # type: ignore[override]
+    def normals(self) -> NDArray[np.float64]:
         return self.there.normals if self.light.kind == AMBIENT else _NO_NORMALS
 
     def with_corners_of(self, receivers: NDArray[np.int64] | None) -> ShadowQuery:
@@ -412,13 +412,13 @@ class SurfacesThere(FetchedFields, Surfaces):
     """`Surfaces` of a `ResidentGBuffer`, whose faces index all triangles of the scene."""
 
     _plain = Surfaces
-    ids = property(lambda self: self.gbuffer.face)  # type: ignore[assignment]
+    ids = property(lambda self: self.gbuffer.face)
 
     def _replace(self, **changes: Any) -> Any:
         if "ids" in changes:
             return super()._replace(**changes)
-        names = [name for name in self._fields if name != "ids"]
-        return SurfacesThere(ids=None, **{name: getattr(self, name) for name in names} | changes)
+        kept = {name: getattr(self, name) for name in self._fields if name != "ids"}
+        return SurfacesThere._make((kept | changes).get(name) for name in self._fields)
 
 
 def surfaces_of(gbuffer: GBuffer, triangles: Triangles) -> Surfaces:

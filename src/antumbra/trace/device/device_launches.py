@@ -67,12 +67,13 @@ class DeviceLaunches:
             return int(triangles.memory.address)
         return self.kept_triangles(triangles.vertices)
 
-    def rows_at(self, address: int, rows: NDArray[np.int32]) -> NDArray[np.float32]:
-        """(k, 3) float32: some rows of three words at an address on the device."""
+    def rows_at(self, address: int, items: NDArray[np.int32], each: int = 1) -> NDArray[np.float32]:
+        """(k, 3 each) float32: k items of an array at an address on the device, each of some rows of three words."""
+        rows = (each * items[:, None] + np.arange(each, dtype=np.int32)).astype(np.int32).reshape(-1)
         n = len(rows)
         out = self.block("rows", max(12 * n, 16), "rows of an array")
         self.launch("gather_points", (address, self.sent("places", rows, "rows of an array"), n, out.address), n)
-        return out.read(np.empty((n, 3), np.float32))
+        return out.read(np.empty((len(items), 3 * each), np.float32))
 
     def sent(self, name: str, array: NDArray[Any], what: str) -> int:
         """The address of a kept block that holds the bytes of an array."""

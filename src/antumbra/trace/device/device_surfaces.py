@@ -67,7 +67,7 @@ class DeviceSurfaces:
     def corners_of(self, faces: NDArray[np.int32]) -> NDArray[np.float32]:
         with self._tracer.lock:
             launches = self._tracer.launches
-            return _corners_at(launches.address_of(self.triangles), faces, self._tracer)
+            return launches.rows_at(launches.address_of(self.triangles), faces, 3)
 
     # On the host
 
@@ -191,14 +191,8 @@ def _move_on_cpu(
         rows_at(out.normal, pixels),
         np.arange(len(pixels), dtype=np.int32),
         ((tags & SIDE) - 1).astype(np.int8),
-        _corners_at(vertices, tags >> 2, tracer),
+        rows_at(vertices, tags >> 2, 3),
         threads,
     )
     places = 4 * pixels[:, None] + np.arange(3, dtype=np.int32)
     tracer.launches.mark(out.receivers, places.reshape(-1), moved.view(np.int32).reshape(-1))
-
-
-def _corners_at(vertices: int, faces: NDArray[np.int32], tracer: DeviceTracer) -> NDArray[np.float32]:
-    """(k, 9) float32: the corners of k triangles at an address."""
-    rows = 3 * faces[:, None] + np.arange(3, dtype=np.int32)
-    return tracer.launches.rows_at(vertices, rows.reshape(-1)).reshape(-1, 9)

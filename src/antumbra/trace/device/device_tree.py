@@ -105,9 +105,7 @@ class DeviceTree:
         nodes = aligned_empty((1, 16), "f4")
         if self._bvh is not None:
             return Bvh(nodes, nodes.view(np.int32), self._bvh.prim_ids[slots], self._bvh.corners[slots])
-        rows = 4 * slots[:, None] + np.arange(4, dtype=np.int32)  # a triangle is four rows of three words
-        words = self.launches.rows_at(self.triangles.address, rows.reshape(-1)).reshape(-1, TRIANGLE)
-        return bvh_of_device(nodes, words)
+        return bvh_of_device(nodes, self.launches.rows_at(self.triangles.address, slots, TRIANGLE // 3))
 
 
 class UploadedTree(DeviceTree):
