@@ -30,7 +30,7 @@ def test_a_picture_on_a_device_is_that_of_the_cpu_and_says_who_traced(cli, squar
     picture = "render", square_obj, "--size", 8, "--spp", 4
     cli(*picture, "-o", "cpu.png")
     out = cli(*picture, "-o", "device.png", "--device", "host", "--explain-plan").out
-    assert "bsah+device:host:0" in out and "The device host:0 traced the shadow rays" in out
+    assert "bsah+device:host:0" in out and "The device host:0 traced the camera and shadow rays" in out
     assert Path("cpu.png").read_bytes() == Path("device.png").read_bytes()
 
 

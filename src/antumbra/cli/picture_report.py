@@ -303,7 +303,7 @@ def print_choices(shot: "Shot", scene: "AnyScene") -> None:
 
     frame, triangles = shot.frame, scene.n_triangles
     _print_instances(scene, frame.plan)
-    _print_device(scene, frame.plan)
+    _print_device(scene, shot)
     if frame.choices is None or frame.tree is None:
         print(f"The plan {frame.plan} specifies its methods; nothing was chosen.")
         return
@@ -323,17 +323,20 @@ def print_choices(shot: "Shot", scene: "AnyScene") -> None:
     console.print_table(head, rows, right=(1, 4, 5), width=_WIDTH)
 
 
-def _print_device(scene: "AnyScene", plan: str) -> None:
+def _print_device(scene: "AnyScene", shot: "Shot") -> None:
     """Print what a device traced, and what the CPU did for it."""
     from ..devices.device_list import CPU, default_device, parse_device
     from ..engine.device_plans import traces_on_device
     from ..engine.plan import parse_plan
 
-    device = parse_plan(plan).device
-    if device is not None:
+    device, in_memory = parse_plan(shot.frame.plan).device, traces_on_device(scene.data)
+    if device is not None and in_memory and not shot.camera.listed:
+        rest = "decided the few that need exact arithmetic, and shaded"
+        print(f"The device {device} traced the camera and shadow rays; the CPU {rest}.")
+    elif device is not None:
         besides = "what the camera sees, and the few shadow rays that need exact arithmetic"
         print(f"The device {device} traced the shadow rays; the CPU traced {besides}.")
-    elif default_device() not in (None, CPU) and not traces_on_device(scene.data):
+    elif default_device() not in (None, CPU) and not in_memory:
         full = ":".join(map(str, parse_device(default_device() or CPU)))
         print(f"The CPU traced everything; by the plan bsah+chcrt+device:{full}, the device traces shadow rays.")
 

@@ -123,7 +123,8 @@ class FrameTracer:
         """
         self._prepare(queries, self._shared_tree, lap)
         if self._source.geometry is not None and self._accelerated is not None:
-            self._source.geometry.keep(self._accelerated)
+            whole = self._full_tree if self._accelerated.partial and self.accelerator.sees else None
+            self._source.geometry.keep(whole or self._accelerated)
 
     def prepare_again(self, queries: Sequence[ShadowQuery], lap: Callable[[str], None]) -> None:
         """Prepare for further queries. The last tree is reused unless culling has dropped some of its triangles."""

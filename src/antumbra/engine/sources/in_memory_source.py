@@ -310,7 +310,8 @@ class InMemory:
     trees : SceneTrees
         Shared with other engines of the scene.
     gbuffer : "raster", "rays" or "auto"
-        The method of primary visibility; "auto": the faster one, see `primary_visibility`.
+        The method of primary visibility; "auto": rays if a device traces them; otherwise the faster one, see
+        `primary_visibility`.
 
     Attributes
     ----------
@@ -323,7 +324,8 @@ class InMemory:
     fixed = memory = None
 
     def __init__(self, data: MemoryData, accelerator: Accelerator, trees: SceneTrees, gbuffer: str = AUTO):
-        self.scene, self.gbuffer, self._method_chooser, self._trees = data, gbuffer, PrimaryMethodChooser(), trees
+        self.scene, self._method_chooser, self._trees = data, PrimaryMethodChooser(), trees
+        self.gbuffer = RAYS if gbuffer == AUTO and accelerator.sees else gbuffer  # on the device
         self._accelerator, self.threads = accelerator, accelerator.threads
         self._box: tuple[Triangles, np.ndarray] | None = None  # the latest triangles and their bounds
         self.ray_lists = RayLists(data, trees, self.threads)

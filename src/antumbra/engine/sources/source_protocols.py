@@ -134,7 +134,7 @@ class CameraView(NamedTuple):
 
     camera: Camera
     triangles: Triangles  # of `Geometry.moment`, or of `FixedTree.accelerated`
-    tree: Accelerated | None  # of all triangles; never None if `gbuffer` is "rays", or `camera.listed`
+    tree: Accelerated | None  # of all triangles; None: `gbuffer` is not "rays", or a device has no room
     rows: slice  # a band of the image; a source with `Geometry` always sees all rows
     progress: ProgressCallback | None = None  # of sources whose `looks` is 1
 

@@ -8,6 +8,7 @@
 - `shaft_parts`, `device_shafts`, `shaft_traversal`: multi-frusta tracing, by warps of shafts
 - `part_trees`, `tree_list_kernels`, `tree_list_tracer`: screen tiles, through the trees that each tile lists
 - `device_kernels`: the kernels, and the list of them that tests and builds read
+- `pixel_kernels`, `device_surfaces`: the surfaces that a camera sees, and receivers on them, which stay there
 - `settling`: the exact decisions on the CPU
 - `device_tracer`: uploads, launches, and the order of the stages
 """

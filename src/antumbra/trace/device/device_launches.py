@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from ...devices.device import Device, DeviceMemory, Module
 from ...kernels.marshalling import address_of, flatten, struct_of
 from ...kernels.toolchain.device_code import Form
+from ...scene.resident_triangles import ResidentTriangles
+from ...scene.triangles import Triangles
 from .device_kernels import KERNELS, RECORD
 from .device_traversal import REST, Work
 
@@ -58,6 +60,20 @@ class DeviceLaunches:
         if kept is None or ours is None or kept[0] is not ours[0] or kept[1] != ours[1]:
             return self.sent_triangles(vertices)
         return self.block("triangles of the scene", 0, "").address
+
+    def address_of(self, triangles: Triangles) -> int:
+        """The address of the vertices of triangles: those on this device, or a copy as from `kept_triangles`."""
+        if isinstance(triangles, ResidentTriangles) and triangles.memory.device.name == self.device.name:
+            return int(triangles.memory.address)
+        return self.kept_triangles(triangles.vertices)
+
+    def rows_at(self, address: int, items: NDArray[np.int32], each: int = 1) -> NDArray[np.float32]:
+        """(k, 3 each) float32: k items of an array at an address on the device, each of some rows of three words."""
+        rows = (each * items[:, None] + np.arange(each, dtype=np.int32)).astype(np.int32).reshape(-1)
+        n = len(rows)
+        out = self.block("rows", max(12 * n, 16), "rows of an array")
+        self.launch("gather_points", (address, self.sent("places", rows, "rows of an array"), n, out.address), n)
+        return out.read(np.empty((len(items), 3 * each), np.float32))
 
     def sent(self, name: str, array: NDArray[Any], what: str) -> int:
         """The address of a kept block that holds the bytes of an array."""

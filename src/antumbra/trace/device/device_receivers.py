@@ -14,7 +14,7 @@ _PER_SHARE = 1 << 14  # receivers
 class DeviceReceivers:
     """The receivers of a query on a device, for that query and others with the same arrays.
 
-    Nobody may write to the arrays meanwhile: they are recognised by identity.
+    Nobody may write to the arrays meanwhile: they are recognised by identity (`ShadowQuery.receivers`).
 
     query : ShadowQuery
     memory : DeviceMemory
@@ -24,12 +24,12 @@ class DeviceReceivers:
     """
 
     def __init__(self, query: ShadowQuery, memory: DeviceMemory, normals: DeviceMemory | None = None) -> None:
-        self._arrays, self.memory, self.n = (*_arrays_of(query), query.normals), memory, query.sides.size
-        self.normals = normals
+        self._of, self.memory, self.n, self.normals = query.receivers, memory, query.n, normals
 
     def are_of(self, query: ShadowQuery) -> bool:
         """Whether these are the receivers of a query."""
-        return all(ours is theirs for ours, theirs in zip(self._arrays, (*_arrays_of(query), query.normals)))
+        others = query.receivers
+        return len(self._of) == len(others) and all(ours is theirs for ours, theirs in zip(self._of, others))
 
 
 class ReceiverUploads:

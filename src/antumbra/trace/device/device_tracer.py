@@ -19,13 +19,13 @@ from ...bvh.triangle_bounds import trivial_bvh
 from ...devices.arrays import DeviceArray
 from ...devices.device import Device, DeviceMemory
 from ...query.ray_list import HitArrays, RayArguments, RayArrays, hit_arrays
-from ...query.shadow_query import ShadowQuery
+from ...query.shadow_query import ResidentQuery, ShadowQuery
 from ...scene.lights import AMBIENT
 from ..alpha_cutouts import CutoutTree
 from . import settling
 from .build_kernels import Source
 from .device_cutouts import DeviceCutouts
-from .device_kernels import RECORD, HitBuffers
+from .device_kernels import HIT_BYTES, RECORD, HitBuffers
 from .device_launches import DeviceLaunches
 from .device_rays import AGAIN, BLOCKED, CLEAR, TRACED, RayBuffers, SampleBuffers, TileSegments, device_patch
 from .device_receivers import DeviceReceivers, ReceiverUploads
@@ -164,9 +164,15 @@ class DeviceTracer:
             return moved if moved.cost() <= limit * moved.built_cost else None
 
     def receivers(self, query: ShadowQuery, threads: int) -> DeviceReceivers:
-        """The receivers of a query, uploaded to memory of their own: see `DeviceTree.receivers`."""
+        """The receivers of a query, there or uploaded to memory of their own: see `DeviceTree.receivers`."""
         with self.lock:
-            return self._uploads.new(query, threads)
+            surfaces = self._surfaces_of(query)
+            return self._uploads.new(query, threads) if surfaces is None else DeviceReceivers(query, surfaces.receivers)
+
+    def _surfaces_of(self, query: ShadowQuery) -> Any:
+        """The `device_surfaces.DeviceSurfaces` of a query's receivers on this device; None: they are elsewhere."""
+        here = isinstance(query, ResidentQuery) and query.there.device.name == self.device.name
+        return cast(ResidentQuery, query).there if here else None
 
     def move(self, tree: UploadedTree, bvh: Bvh, vertices: NDArray[np.float32]) -> None:
         """Move the triangles of a tree, see `UploadedTree.move`."""
@@ -238,9 +244,26 @@ class DeviceTracer:
         self, tree: DeviceTree, rays: RayBuffers, n: int, cull_faces: int, any_hit: bool, threads: int
     ) -> "Chunk":
         """Trace n rays of buffers on the device. Their states or slots are at `out` of the work."""
-        chunk = Chunk(_ANY if any_hit else _NEAREST, rays, self._work(0, n, cull_faces), None)
+        chunk = self.chunk_in(rays, n, cull_faces, any_hit)
         self._trace(tree, chunk, threads)
         return chunk
+
+    def chunk_in(self, rays: RayBuffers, n: int, cull_faces: int, any_hit: bool) -> "Chunk":
+        """A chunk of n rays of buffers; nothing is traced."""
+        return Chunk(_ANY if any_hit else _NEAREST, rays, self._work(0, n, cull_faces), None)
+
+    def nearest_hits(
+        self, tree: DeviceTree, rays: RayBuffers, n: int, cutouts: CutoutTree | None, threads: int
+    ) -> tuple[Work, HitBuffers]:
+        """The nearest hits of n rays of buffers, on the device until the next call; `lock` is held.
+
+        cutouts : as for `trace_rays`
+        """
+        chunk = self.traced(tree, rays, n, 0, False, threads)
+        sizes = zip(HitBuffers._fields, HIT_BYTES)
+        hits = HitBuffers(*(self.launches.block(name, size * n, "the hits").address for name, size in sizes))
+        self._report(tree, chunk, cutouts, hits, threads)
+        return chunk.work, hits
 
     def trace_shadow(
         self,
@@ -299,8 +322,7 @@ class DeviceTracer:
 
     def chunk_of(self, arrays: RayArrays, rays: RayArguments, any_hit: bool) -> Chunk:
         """A part of a ray list, sent to the device; nothing is traced."""
-        work = self._work(0, len(arrays.origins), rays.cull_faces)
-        return Chunk(_ANY if any_hit else _NEAREST, self._sent(arrays, rays), work, None)
+        return self.chunk_in(self._sent(arrays, rays), len(arrays.origins), rays.cull_faces, any_hit)
 
     def parts(
         self, query: ShadowQuery, at_once: int, threads: int, tree: DeviceTree | None = None, shafts: bool = False
@@ -309,7 +331,7 @@ class DeviceTracer:
 
         tree : one that may have been built for these receivers
         """
-        buffers, spp, receivers = self._sample_buffers(tree, query, threads), query.samples.shape[1], query.sides.size
+        buffers, spp, receivers = self._sample_buffers(tree, query, threads), query.samples.shape[1], query.n
         for first in range(0, receivers, at_once):
             n = min(at_once, receivers - first)
             work = self._work(first * spp, n * spp, query.cull_faces)
@@ -358,27 +380,33 @@ class DeviceTracer:
         for kept in () if tree is None else tree.receivers:
             if kept.are_of(query):
                 return kept.memory.address, 0 if kept.normals is None else kept.normals.address
-        block = self.launches.block("receivers", 16 * query.sides.size, "the receivers")
+        block = self.launches.block("receivers", 16 * query.n, "the receivers")
         self._uploads.write(query, block, threads)
         return block.address, 0
 
     def _sample_buffers(self, tree: DeviceTree | None, query: ShadowQuery, threads: int) -> SampleBuffers:
-        send, p = self.launches.sent, query.light
+        return SampleBuffers(
+            *self._receiver_buffers(tree, query, threads),
+            self.launches.sent("samples", query.samples, "the samples of a light"),
+            device_patch(query.light),
+            query.shape[1],
+            query.samples.shape[1],
+        )
+
+    def _receiver_buffers(self, tree: DeviceTree | None, query: ShadowQuery, threads: int) -> tuple[int, int, int, int]:
+        """The addresses of receivers, of their ids, normals and corners, as in `SampleBuffers`."""
+        send, ambient = self.launches.sent, query.light.kind == AMBIENT
+        surfaces = self._surfaces_of(query)
+        if surfaces is not None:
+            normals = surfaces.wide_normals() if ambient else 0
+            return surfaces.receivers.address, 0, normals, self.launches.address_of(surfaces.triangles)
         own = query.ids is not query.faces and not np.array_equal(query.ids, query.faces)
         faces = bool((query.faces >= 0).any())
         receivers, normals = self._receivers_of(tree, query, threads)
-        if not normals and query.normals.size and (p.kind == AMBIENT or bool((query.faces < 0).any())):
+        if not normals and query.normals.size and (ambient or bool((query.faces < 0).any())):
             normals = send("normals", np.ascontiguousarray(query.normals), "the receivers' normals")
-        return SampleBuffers(
-            receivers,
-            send("ids", np.ascontiguousarray(query.ids), "the receivers") if own else 0,
-            normals,
-            self.launches.kept_triangles(query.corners) if faces else 0,
-            send("samples", query.samples, "the samples of a light"),
-            device_patch(p),
-            query.sides.shape[1],
-            query.samples.shape[1],
-        )
+        ids = send("ids", np.ascontiguousarray(query.ids), "the receivers") if own else 0
+        return receivers, ids, normals, self.launches.kept_triangles(query.corners) if faces else 0
 
     # --- Stages -------------------------------------------------------------------------------------------------------
 
@@ -454,12 +482,14 @@ class DeviceTracer:
 
     def _decide(self, tree: DeviceTree, chunk: Chunk, records: settling.Records, threads: int) -> None:
         """Decide tests on the CPU, and send the answers."""
-        work = chunk.work
+        work, slots = chunk.work, settling.renumber(records)
+        few = tree.some(slots)
         if chunk.kind.any_hit:
-            rays = settling.blocked_rays(records, tree.bvh, work.cull_faces, chunk.query, work.first, threads)
+            rays = settling.blocked_rays(records, few, work.cull_faces, chunk.query, work.first, threads)
             self._mark(rays, np.full(len(rays), BLOCKED, np.int32))
         else:
-            self._mark(*settling.nearest_slots(records, tree.bvh, work.cull_faces))
+            rays, found = settling.nearest_slots(records, few, work.cull_faces)
+            self._mark(rays, np.append(slots, np.int32(-1))[found])
 
     def _mark(self, rays: NDArray[np.int32], values: NDArray[np.int32]) -> None:
         """Write the states of some rays, or the slots of their hits."""
@@ -537,7 +567,8 @@ class DeviceTracer:
                 continue
             if left:
                 records = self._read("rest", (left, RECORD), np.float64)
-                numbers = settling.heads_of(records)[:, settling.RAY], *settling.numbers_of(records, tree.bvh, threads)
+                few = tree.some(settling.renumber(records))
+                numbers = settling.heads_of(records)[:, settling.RAY], *settling.numbers_of(records, few, threads)
                 sent = [
                     self.launches.sent(f"number {i}", np.ascontiguousarray(each), "the CPU's answers")
                     for i, each in enumerate(numbers)
