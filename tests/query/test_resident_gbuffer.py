@@ -14,6 +14,7 @@ def there():
     rng = np.random.default_rng(1)
     return SimpleNamespace(
         triangles=SimpleNamespace(origin=np.arange(3.0)),
+        device=SimpleNamespace(name="host:0"),
         shape=(2, 3),
         position=rng.random((2, 3, 3), np.float32),
         normal=rng.random((2, 3, 3), np.float32),
@@ -48,5 +49,6 @@ def test_surfaces_read_their_faces_when_they_are_needed():
     counted.there = gbuffer.there
     surfaces = surfaces_of(counted, None)
     assert surfaces.gbuffer is counted and surfaces._replace(box=None).gbuffer is counted and not read
+    assert surfaces.device == surfaces._replace(box=None).device == "host:0"
     np.testing.assert_array_equal(surfaces.ids, gbuffer.face)
     assert read

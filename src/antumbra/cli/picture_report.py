@@ -329,14 +329,19 @@ def _print_device(scene: "AnyScene", shot: "Shot") -> None:
     from ..engine.device_plans import traces_on_device
     from ..engine.plan import parse_plan
 
-    device, in_memory = parse_plan(shot.frame.plan).device, traces_on_device(scene.data)
-    if device is not None and in_memory and not shot.camera.listed:
-        rest = "decided the few that need exact arithmetic, and shaded"
-        print(f"The device {device} traced the camera and shadow rays; the CPU {rest}.")
-    elif device is not None:
-        besides = "what the camera sees, and the few shadow rays that need exact arithmetic"
-        print(f"The device {device} traced the shadow rays; the CPU traced {besides}.")
-    elif default_device() not in (None, CPU) and not in_memory:
+    frame = shot.frame
+    device = parse_plan(frame.plan).device
+    if device is not None:
+        rest = {
+            "found what the camera sees": frame.seen_on is None,
+            "found the sub-pixels of edges": frame.seen_on is not None and frame.refined is not None,
+            "traced bounced rays": frame.indirect is not None,
+            "decided the few tests that need exact arithmetic": True,
+        }
+        rays, done = "shadow" if frame.seen_on is None else "camera and shadow", [each for each in rest if rest[each]]
+        work = f"{', '.join(done)}{',' if len(done) > 1 else ''} and shaded"
+        print(f"The device {device} traced the {rays} rays; the CPU {work}.")
+    elif default_device() not in (None, CPU) and not traces_on_device(scene.data):
         full = ":".join(map(str, parse_device(default_device() or CPU)))
         print(f"The CPU traced everything; by the plan bsah+chcrt+device:{full}, the device traces shadow rays.")
 

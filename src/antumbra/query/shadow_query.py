@@ -406,6 +406,7 @@ class Surfaces(NamedTuple):
     albedo: np.ndarray | None = None  # (H, W, 3) float32: linear base colours; None: those of the faces
     shading: ShadingNormals | None = None  # None: shade with the geometric normals
     materials: PixelMaterials | None = None  # None: all surfaces are diffuse
+    device: str | None = None  # the device that found the surfaces; None: the CPU
 
 
 class SurfacesThere(FetchedFields, Surfaces):
@@ -424,7 +425,7 @@ class SurfacesThere(FetchedFields, Surfaces):
 def surfaces_of(gbuffer: GBuffer, triangles: Triangles) -> Surfaces:
     """`Surfaces` of a G-buffer whose faces index all triangles of the scene."""
     if isinstance(gbuffer, ResidentGBuffer):
-        return SurfacesThere(gbuffer, triangles, None)  # type: ignore[arg-type]
+        return SurfacesThere(gbuffer, triangles, None, device=gbuffer.there.device.name)  # type: ignore[arg-type]
     return Surfaces(gbuffer, triangles, gbuffer.face)
 
 

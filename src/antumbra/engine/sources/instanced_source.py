@@ -204,20 +204,21 @@ class Instanced:
         if camera.listed:
             return next(self.nearest([camera_pass(cast(ExplicitRays, camera.view(self.scene.origin)), rows)], shape))
         rays = camera.rays(self.scene.origin)
-        hits = self._hits_of_pixels(rays, rows)
+        hits, device = self._hits_of_pixels(rays, rows)
         visible, face = self._visible(hits.face.reshape(shape))
         gbuffer = from_hits(face, hits.t.reshape(shape), visible, rays, self.threads, rows.start)
-        return Surfaces(gbuffer, visible, hits.face.reshape(shape), self.bounds)
+        return Surfaces(gbuffer, visible, hits.face.reshape(shape), self.bounds, device=device)
 
-    def _hits_of_pixels(self, rays: CameraRays, rows: slice) -> HitArrays:
-        """The nearest hits of the pixels of some rows: on the device of the plan, if they fit there."""
-        if self._accelerator.plan.device is not None:
+    def _hits_of_pixels(self, rays: CameraRays, rows: slice) -> tuple[HitArrays, str | None]:
+        """The nearest hits of the pixels of some rows, and the device that found them: the plan's, if it has room."""
+        device = self._accelerator.plan.device
+        if device is not None:
             there = self._on_device()
             with suppress(OutOfDeviceMemory):
-                return cast(HitArrays, there.tracer.trace_pixels(there.tree, rays, rows, self.threads))
+                return there.tracer.trace_pixels(there.tree, rays, rows, self.threads), device
         mask = np.zeros((rays.height, rays.width), np.bool_)
         mask[rows] = True
-        return self._hits(rays_through(rays, mask, self.threads))
+        return self._hits(rays_through(rays, mask, self.threads)), None
 
     def _hits(self, rays: RayPass) -> HitArrays:
         """The nearest hits of a pass. Rays of length 0, which stand for pixels without a ray, miss."""
