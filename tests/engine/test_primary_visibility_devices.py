@@ -1,5 +1,7 @@
 """Frames of which a device finds the surfaces: the CPU's pictures, and nothing copied that the host does not read."""
 
+from weakref import ref
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,7 @@ from antumbra.query.gbuffer import GBuffer
 from antumbra.query.light_samples import light_samples
 from antumbra.query.resident_gbuffer import ResidentGBuffer
 from antumbra.query.shadow_query import surface_queries
+from antumbra.techniques.culling import device_culling
 from antumbra.trace.device.device_instances import ForestTracer
 from antumbra.trace.device.device_tracer import DeviceTracer
 from cutout_scenes import scene_with_cutouts
@@ -75,7 +78,9 @@ def test_frames_of_a_device_are_those_of_the_cpu(plan, scene, looks):
     theirs = at.Renderer(scene, "bsah+wide", gbuffer=RASTER).render(camera, LAMP, spp=5)
     renderer = at.Renderer(scene, plan)
     for _ in range(2):
-        assert_same_frames(renderer.render(camera, LAMP, spp=5), theirs)
+        ours = renderer.render(camera, LAMP, spp=5)
+        assert_same_frames(ours, theirs)
+        assert ours.seen_on == renderer.plan.device and theirs.seen_on is None
     assert looks == [24 * 16] * 2
 
 
@@ -131,7 +136,7 @@ def test_the_cpu_finds_what_other_cameras_see_also_after_frames_of_the_device(pl
 def test_the_option_gbuffer_can_keep_the_surfaces_on_the_cpu(gbuffer, count, looks):
     frame = at.render(soup_scene(3), CAMERA, LAMP, spp=4, plan="lbvh+device:host:0", gbuffer=gbuffer)
     assert_same_frames(frame, at.render(soup_scene(3), CAMERA, LAMP, spp=4, plan="bsah+single"))
-    assert len(looks) == count
+    assert len(looks) == count and frame.seen_on == ("host:0" if count else None)
 
 
 @pytest.mark.parametrize("scene", ["soup", "cut-outs", "instances"])
@@ -144,6 +149,7 @@ def test_surfaces_that_do_not_fit_are_found_by_the_cpu(scene, monkeypatch):
     scene = SCENES[scene]()
     ours, theirs = (at.render(scene, CAMERA, LAMP, spp=4, plan=plan) for plan in ("bsah+device:host:0", "bsah+wide"))
     assert_same_frames(ours, theirs)
+    assert ours.seen_on is None
 
 
 def test_a_whole_tree_that_does_not_fit_beside_a_culled_one_is_left_out(monkeypatch, looks):
@@ -157,6 +163,28 @@ def test_a_whole_tree_that_does_not_fit_beside_a_culled_one_is_left_out(monkeypa
         with pytest.raises(OutOfDeviceMemory):
             at.render(soup_scene(3), CAMERA, LAMP, spp=4, plan="lbvh+device:host:0")
     assert not looks
+
+
+def test_the_tree_of_the_camera_leaves_if_a_culled_one_does_not_fit_beside_it(monkeypatch):
+    trees, held, see, build = [], [], OnDevice.see, device_culling.build_relevant
+
+    def seen(self, *args):
+        trees.append(ref(self.tree))
+        return see(self, *args)
+
+    def tight(*args):
+        held.append(trees[-1]() is not None)
+        if held[-1]:
+            raise OutOfDeviceMemory("full", 1, 0)
+        return build(*args)
+
+    monkeypatch.setattr(OnDevice, "see", seen)
+    monkeypatch.setattr(device_culling, "build_relevant", tight)
+    expected = at.render(soup_scene(3), CAMERA, LAMP, spp=4, adaptive=16, plan="bsah+single")
+    renderer = at.Renderer(soup_scene(3), "grid32+lbvh+device:host:0")
+    for _ in range(2):
+        assert_same_frames(renderer.render(CAMERA, LAMP, spp=4, adaptive=16), expected)
+    assert held[:2] == [True, False] and held.count(True) == 2
 
 
 def test_surfaces_of_an_engine_are_ordinary_arrays():

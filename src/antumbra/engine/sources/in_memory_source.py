@@ -366,12 +366,14 @@ class InMemory:
         if not (accelerated.partial or self._accelerator.plan.wants_rays):
             self._trees.add(self._accelerator.plan, accelerated)
 
-    def keep(self, accelerated: Accelerated) -> None:
-        """Cache the tree if later frames use the same triangles and tree, whoever chose the plan.
+    def keep(self, accelerated: Accelerated | None) -> None:
+        """Cache the tree if later frames use the same triangles and tree, whoever chose the plan; None: drop it.
 
         Not a tree that is built for the rays of its frame.
         """
-        if not (self.scene.animated or accelerated.partial or self._accelerator.plan.wants_rays):
+        if accelerated is None:
+            self._last = None
+        elif not (self.scene.animated or accelerated.partial or self._accelerator.plan.wants_rays):
             self._last = accelerated
 
     def box(self, triangles: Triangles) -> np.ndarray:

@@ -180,8 +180,8 @@ class Geometry(Protocol):
         """The triangles at a time in seconds, if few points are best traced as rays; None: by shadow queries."""
         ...
 
-    def keep(self, accelerated: Accelerated) -> None:
-        """Offer the tree of a frame's shadow rays for reuse in later frames."""
+    def keep(self, accelerated: Accelerated | None) -> None:
+        """Offer the tree of a frame's shadow rays for reuse in later frames. None: drop the tree of earlier frames."""
 
     def keep_for_points(self, accelerated: Accelerated) -> None:
         """Offer the tree of a point query for reuse in later ones."""
