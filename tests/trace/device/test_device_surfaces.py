@@ -14,8 +14,9 @@ from antumbra.techniques.culling.device_culling import build_relevant
 from antumbra.techniques.culling.pre_bvh_culling import CullRequest, solid_tree
 from antumbra.trace.alpha_cutouts import cutout_tree
 from antumbra.trace.device import device_surfaces
+from antumbra.trace.device.device_stages import CAPACITIES, Capacities
 from antumbra.trace.device.device_surfaces import see_surfaces
-from antumbra.trace.device.device_tracer import CAPACITIES, Capacities, DeviceTracer
+from antumbra.trace.device.device_tracer import DeviceTracer
 from antumbra.trace.device.device_tree import DeviceTree
 from antumbra.trace.rays.single_rays import as_built, trace_shadow
 from cutout_scenes import scene_with_cutouts
@@ -111,6 +112,17 @@ def test_a_device_sees_the_surfaces_of_the_rasteriser(tracer, name):
         assert ours.dtype == theirs.dtype and ours.shape == theirs.shape
     np.testing.assert_array_equal(found.origins, query.origins)
     assert (gbuffer.face >= 0).any()
+
+
+@pytest.mark.parametrize("n", [0, 1])
+def test_pictures_of_hardly_any_triangles(tracer, n):
+    whole, camera = at.Scene.from_arrays(lattice()[:1]).triangles(), AT_LATTICE
+    triangles = whole._replace(vertices=whole.vertices[:n], face_id=whole.face_id[:n], colour=whole.colour[:n])
+    expected = primary_visibility(triangles, camera, None, 2)
+    found = seen(tracer, triangles, camera)
+    for ours, theirs, field in zip(ResidentGBuffer.of(found), expected, GBuffer._fields):
+        np.testing.assert_array_equal(ours, theirs, err_msg=field)
+    assert (found.face >= 0).any() == (n > 0)
 
 
 def test_rays_through_corners_and_along_edges_see_the_first_face(device):

@@ -29,8 +29,9 @@ from . import settling
 from .device_kernels import HitBuffers
 from .device_launches import DeviceLaunches
 from .device_rays import BLOCKED, CLEAR, TRACED
+from .device_stages import CHUNK, Chunk
 from .device_surfaces import parts_of, rays_of_pixels
-from .device_tracer import CHUNK, Chunk, DeviceTracer, words_of
+from .device_tracer import DeviceTracer, words_of
 from .device_traversal import TreeBuffers
 from .device_tree import device_triangles, reach_of_root
 from .instance_kernels import ForestBuffers, Part

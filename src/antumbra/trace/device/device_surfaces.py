@@ -59,10 +59,11 @@ class DeviceSurfaces:
 
     def wide_normals(self) -> int:
         """The address of the normals in float64, until the next call on this device."""
-        launches = self._tracer.launches
-        out = launches.block("normals", 24 * self.n, "the receivers' normals").address
-        launches.launch("widen_normals", (self._normal.address, self.n, out), self.n)
-        return out
+        with self._tracer.lock:
+            launches = self._tracer.launches
+            out = launches.block("normals", 24 * self.n, "the receivers' normals").address
+            launches.launch("widen_normals", (self._normal.address, self.n, out), self.n)
+            return out
 
     def corners_of(self, faces: NDArray[np.int32]) -> NDArray[np.float32]:
         with self._tracer.lock:

@@ -54,8 +54,9 @@ from ..transmission import shares_of
 from .device_instances import ForestTracer
 from .device_kernels import KERNELS
 from .device_launches import DeviceLaunches
+from .device_stages import CAPACITIES, Capacities
 from .device_surfaces import see_surfaces
-from .device_tracer import BUILDERS, CAPACITIES, Capacities, DeviceTracer
+from .device_tracer import BUILDERS, DeviceTracer
 from .part_trees import part_tree
 from .resident_vertices import ResidentVertices
 from .tree_build import source_of
