@@ -33,6 +33,16 @@ def test_a_missing_local_file_is_no_url(text):
         checked_file(Path(text), "a.tif")
 
 
+@pytest.mark.parametrize("option", ["units=m", "up=z", "=", ""])
+def test_a_file_with_an_unknown_option_is_told_from_a_missing_file(tmp_path, option):
+    (tmp_path / "a.obj").write_text("v 0 0 0")
+    with pytest.raises(at.InputError, match=r"a\.obj has no such option; antumbra formats lists the options of files"):
+        checked_file(tmp_path / f"a.obj?{option}", f"a.obj?{option}")
+    for missing in (f"b.obj?{option}", f"?{option}"):
+        with pytest.raises(at.InputError, match="no such file; check the path"):
+            checked_file(tmp_path / missing, missing)
+
+
 URL = "https://example.org/a"
 READERS = {
     "scene": lambda room: at.load(f"{URL}.glb"),

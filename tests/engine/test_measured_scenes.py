@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import sys
 import tempfile
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 
 import antumbra as at
 from antumbra.engine.measured_scenes import MOST_STRETCH, earth_radius_of, measured_scene, measuring_fault
+from antumbra.scene.crs import parts_of_crs
 from baked_files import box
 from city_files import CUBE, city
 from gis_files import write_buildings, write_raster
@@ -224,11 +226,27 @@ def test_every_command_refuses_a_stretched_map_with_the_cure(cli, tmp_path, comm
     assert not list(tmp_path.glob("out*"))
 
 
-def test_pictures_and_info_take_a_stretched_map(cli, tmp_path):
-    path = in_mercator(tmp_path)
-    found = cli("info", path, "--json").json()
-    assert found["unit"] == "m" and "pictures only; mercator: its CRS, EPSG:3857, has the scale" in found["notes"][-1]
-    assert cli("render", path, "-o", "out.png", "--size", "16x16", "--spp", "1").code == 0
+ON_STRETCHED_MAPS = {
+    "info": [],
+    "render": ["-o", "out.png", "--size", "16x16", "--spp", "1"],
+}
+
+
+@pytest.mark.parametrize("command", ON_STRETCHED_MAPS)
+def test_pictures_and_info_take_a_stretched_map_with_a_note(cli, tmp_path, command):
+    call = command, in_mercator(tmp_path), *ON_STRETCHED_MAPS[command]
+    found, fault = cli(*call, "--json").json(), "pictures only; mercator: its CRS, EPSG:3857, has the scale"
+    notes = found["notes"] if command == "info" else found["scene"]["notes"]
+    assert fault in notes[-1] and fault in " ".join(cli(*call).out.split())
+
+
+@pytest.mark.parametrize("command", ON_STRETCHED_MAPS)
+def test_without_pyproj_pictures_and_info_note_that_the_scale_is_unknown(cli, tmp_path, monkeypatch, command):
+    assert cli("build", in_mercator(tmp_path), "-o", tmp_path / "city.antumbra").code == 0
+    parts_of_crs.cache_clear()
+    monkeypatch.setitem(sys.modules, "pyproj", None)
+    told = cli(command, tmp_path / "city.antumbra", *ON_STRETCHED_MAPS[command])
+    assert told.code == 0 and "the scale of the map is unknown: crs needs pyproj" in " ".join(told.out.split())
 
 
 @pytest.mark.parametrize("kind, command", [("tif", "gdalwarp"), ("gpkg", "ogr2ogr")])

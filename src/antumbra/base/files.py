@@ -76,6 +76,9 @@ def _why_missing(path: Path) -> str:
     """Why a path leads to no file, and what to do."""
     if path.is_symlink():
         return "is a symbolic link to a file that does not exist; name the file itself"
+    file, mark, _ = path.name.partition("?")
+    if mark and file and path.with_name(file).is_file():
+        return f"{file} has no such option; antumbra formats lists the options of files"
     return _cure_of_virtual(path) or "no such file; check the path"
 
 

@@ -131,13 +131,15 @@ def picture_answer(
 
 def scene_answer(spec: "PictureSpec", scene: "AnyScene") -> dict[str, Any]:
     """The fields of ``--json`` for the scene."""
+    from ..engine.measured_scenes import notes_of
+
     return {
         "source": spec.source,
         "name": scene.name,
         "triangles": scene.n_triangles,
         "duration": scene.duration,
         "up": scene.up,
-        "notes": list(scene.notes),
+        "notes": notes_of(scene),
     }
 
 
@@ -174,13 +176,14 @@ def picture_fields(
     spec: "PictureSpec", scene: "AnyScene", load: float, shot: "Shot", saved: SavedPicture
 ) -> Iterator[tuple[str, str]]:
     """The names and values printed for a single picture."""
+    from ..engine.measured_scenes import notes_of
     from ..scene.scene_data import group_notes
 
     frame = shot.frame
     yield "picture", saved.files
     moment = f", at {shot.time:g} of {scene.duration:g} s" if scene.animated else ""
     yield "scene", scene_text(spec, scene) + moment
-    for note in group_notes(scene.notes, "antumbra info has all"):
+    for note in group_notes(notes_of(scene), "antumbra info has all"):
         yield "note", note
     yield from shot_fields(spec, shot)
     phases = {"load": load, **frame.timings, "save": saved.seconds}
@@ -408,13 +411,15 @@ def save_render_page(
 def _facts(
     spec: "PictureSpec", scene: "AnyScene", shot: "Shot", saved: SavedPicture, exposure: float
 ) -> Iterator[tuple[str, str]]:
+    from ..engine.measured_scenes import notes_of
+
     yield "scene", scene_text(spec, scene)
     yield "file", saved.files
     yield "exposure", f"{exposure:.4g}"
     if scene.animated:
         yield "time", f"{shot.time:g} of {scene.duration:g} s"
     yield from shot_fields(spec, shot)
-    for note in scene.notes:
+    for note in notes_of(scene):
         yield "note", note
 
 

@@ -14,6 +14,7 @@ import typer
 
 from ..base.checks import alternatives
 from ..base.errors import InputError
+from ..base.extras import MissingPackage
 from ..base.memory import readable_size
 from ..base.wording import counted
 from ..engine.scene_reading import SCENE_FORMATS
@@ -129,6 +130,8 @@ def _store_fields(store: "Store", checked: bool) -> Iterator[tuple[str, str]]:
 
 
 def _answer(source: str, scene: "AnyScene", seconds: float) -> dict[str, Any]:
+    from ..engine.measured_scenes import notes_of
+
     return {
         "source": source,
         "name": scene.name,
@@ -137,12 +140,12 @@ def _answer(source: str, scene: "AnyScene", seconds: float) -> dict[str, Any]:
         "bounds": scene.bounds,
         "origin": scene.origin,
         "crs": scene.crs,
-        "unit": scene.unit.name,
+        "unit": _unit_name(scene),
         "duration": scene.duration,
         "meshes": [m._asdict() for m in scene.meshes],
         "cameras": [camera_fields(c) for c in scene.cameras],
         "lights": [light_fields(light) for light in scene.lights],
-        "notes": _notes(scene),
+        "notes": notes_of(scene),
         "city": None if scene.city is None else _city_answer(scene.city),
         "triangle_bytes": scene.n_triangles * TRIANGLE_BYTES,
         "load": seconds,
@@ -161,7 +164,17 @@ def _city_answer(city: "CityModel") -> dict[str, Any]:
     }
 
 
+def _unit_name(scene: "AnyScene") -> str | None:
+    """The unit of a scene; None without the package that knows that of its CRS, which a note says."""
+    try:
+        return scene.unit.name
+    except MissingPackage:
+        return None
+
+
 def _info_fields(scene: "AnyScene", seconds: float) -> Iterator[tuple[str, str]]:
+    from ..engine.measured_scenes import notes_of
+
     lower, upper = scene.bounds
     yield "scene", f"{scene.name}, read in {duration(seconds)}"
     meshes = f" in {len(scene.meshes):,} mesh{'es' * (len(scene.meshes) != 1)}" if scene.meshes else ""
@@ -171,7 +184,7 @@ def _info_fields(scene: "AnyScene", seconds: float) -> Iterator[tuple[str, str]]
     yield "bounds", f"{console.vector(lower)} to {console.vector(upper)}"
     yield "size", f"{console.vector(upper - lower)}, +{scene.up.upper()} is up"
     yield "origin", console.vector(scene.origin)
-    yield "unit", scene.unit.name
+    yield "unit", _unit_name(scene) or "unknown"
     if scene.crs or scene.city is not None:
         yield "CRS", scene.crs or "none in the file"
     if scene.city is not None:
@@ -192,16 +205,8 @@ def _info_fields(scene: "AnyScene", seconds: float) -> Iterator[tuple[str, str]]
         yield "cameras", "none; the default camera shows the whole scene"
     if not scene.lights:
         yield "lights", "none; the defaults are sun and sky, or a lamp in a closed room"
-    for note in _notes(scene):
+    for note in notes_of(scene):
         yield "note", note
-
-
-def _notes(scene: "AnyScene") -> list[str]:
-    """The notes of the loader, and why studies would refuse the scene."""
-    from ..engine.measured_scenes import measuring_fault
-
-    fault = measuring_fault(scene)
-    return list(scene.notes) if fault is None else [*scene.notes, f"pictures only; {fault}"]
 
 
 def light_text(light: "Light") -> str:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.errors import InputError
+from ..base.extras import MissingPackage
 from ..formats.format_registry import format_of
 from ..formats.reprojection import projected_crs, warp_command
 from ..scene.crs import in_one_unit, parts_of_crs
@@ -77,6 +78,15 @@ def measuring_fault(scene: "AnyScene") -> str | None:
     if not point.inside:
         return f"{stretched}, outside its area; if coordinates were shifted, {_give_unit(scene)}"
     return f"{stretched}, and heights have 1; {_remedy(scene, (point.longitude, point.latitude))}"
+
+
+def notes_of(scene: "AnyScene") -> list[str]:
+    """The notes of the loader, and why studies would refuse the scene, of which pictures can be made."""
+    try:
+        fault = measuring_fault(scene)
+    except MissingPackage as error:
+        return [*scene.notes, f"the scale of the map is unknown: {error}"]
+    return list(scene.notes) if fault is None else [*scene.notes, f"pictures only; {fault}"]
 
 
 def check_degrees(scene: "AnyScene", at: NDArray[np.float64], what: str) -> None:
