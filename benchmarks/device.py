@@ -1,11 +1,11 @@
 """Rays, soft shadows and builds on a device beside the CPU, with the bits of both compared first.
 
     python benchmarks/device.py --device cuda|opencl|host [scene ...]
-        [--part rays|shafts|build|cutouts|copies|store ...] [--rays N] [--triangles N ...] [--size W H] [--spp N]
+        [--part rays|shafts|build|frame|cutouts|copies|store ...] [--rays N] [--triangles N ...] [--size W H] [--spp N]
         [--store FILE] [--device-memory SIZE] [--frames N] [--threads N] [--rounds N] [--json FILE|auto]
 
-The part `build` is described in device_build.py, `cutouts` and `copies` in device_surfaces.py, and `store`, which is
-measured only if it is named, in device_store.py. The part `rays` follows.
+The part `build` is described in device_build.py, `frame` in device_frame.py, `cutouts` and `copies` in
+device_surfaces.py, and `store`, which is measured only if it is named, in device_store.py. The part `rays` follows.
 The part `shafts` has the shadow passes of a small and a large lamp, with one sample and with --spp, by the method
 `device, shafts` (the plan `bsah+multifrusta+device:NAME`) beside single rays and the CPU. `visits` are nodes visited
 per 16 rays, by one subgroup of shafts together; for single rays, the CPU's `single` counts them.
@@ -49,6 +49,7 @@ import numpy as np
 
 import antumbra
 import device_build
+import device_frame
 import device_store
 import device_surfaces
 from antumbra.base.errors import InputError
@@ -69,7 +70,7 @@ from peers.ray_contest import query_of
 from views import VIEWS, View, views
 
 CPU_PLAN = "bsah+reinsert+multifrusta"
-PARTS = ["build", *device_surfaces.SCENES, "shafts", "rays"]
+PARTS = ["build", "frame", *device_surfaces.SCENES, "shafts", "rays"]
 STORE = "store"
 RESULTS = Path(__file__).resolve().parents[1] / "docs" / "results"
 COLUMNS = "undecided", "on cpu", "visits"
@@ -306,12 +307,15 @@ def measure(view: View, options: argparse.Namespace, parts: list[str]) -> Iterat
 def all_rows(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
     """Rows of all parts that were asked for."""
     chosen = options.part or PARTS
-    if "build" in chosen:
-        tracer = device_tracer(str(parse_plan(f"bsah+device:{options.device}").device))
-        how = device_build.Timings(timed, row, options.rounds, thread_count(options.threads))
-        for n in options.triangles:
-            print(f"\n{n} triangles\n{HEAD.replace('Mrays', '    M')}")
-            yield from device_build.rows(tracer, n, options, how)
+    tracer = device_tracer(str(parse_plan(f"bsah+device:{options.device}").device))
+    how = device_build.Timings(timed, row, options.rounds, thread_count(options.threads))
+    for part, rows, head in (
+        ("build", device_build.rows, HEAD.replace("Mrays", "    M")),
+        ("frame", device_frame.rows, HEAD),
+    ):
+        for n in options.triangles if part in chosen else ():
+            print(f"\n{part}, {n} triangles\n{head}")
+            yield from rows(tracer, n, options, how)
     measures = device_surfaces.Measures(timed, row, options.rounds, thread_count(options.threads))
     for part in (each for each in device_surfaces.SCENES if each in chosen):
         for n in options.triangles:
@@ -356,6 +360,8 @@ def main() -> None:
     for each in all_rows(options):
         rows.append(each)
         print(line(each) if "method" in each else step_line(each), flush=True)
+        if "stages" in each:
+            print(device_frame.stage_line(each), flush=True)
         if "paging" in each:
             print(device_store.chunk_line(each["paging"]), flush=True)
         if path is not None:  # after each row, because time on a card is short

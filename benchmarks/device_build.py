@@ -92,6 +92,9 @@ MOVED: dict[str, Callable[..., int]] = {
     "spread_marks": lambda marked: 4 * marked.n**3 + 4 * (marked.n + 1) ** 3,
     "sum_lines": lambda marked, axis: 8 * (marked.n + 1) ** 3,
     "tag_triangles": lambda source, marked, tags: 40 * source.n,
+    "write_pixel_rays": lambda pixels, origins, directions: 24 * pixels.n,
+    "write_surfaces": lambda pixels, hits, vertices, out: 80 * pixels.n,
+    "move_receivers": lambda surfaces, vertices, work, first, n: 76 * n,
     "sum_areas": lambda tree, n, sums: 64 * n + 16 * (n // AREA_ROW + 1),
     "join_areas": lambda sums, n, out, m: 16 * (n + m),
 }

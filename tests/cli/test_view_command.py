@@ -83,6 +83,15 @@ def test_options_reach_the_page(cli, interrupted, monkeypatch):
     ]
 
 
+def test_a_page_is_traced_on_a_device(cli, interrupted, monkeypatch):
+    made = []
+    from antumbra.viewer import viewer_page
+
+    monkeypatch.setattr(viewer_page, "prepare", lambda model: made.append(model))
+    assert cli("view", SCENE, "--port", "0", "--no-browser", "--quiet", "--device", "host").code == 0
+    assert str(made[0].renderer.plan) == "bsah+device:host:0"
+
+
 def test_without_a_browser_the_address_is_said(cli, interrupted, monkeypatch):
     Opened(monkeypatch, found=False)
     told = cli("view", SCENE, "--port", "0")

@@ -7,23 +7,16 @@ import pytest
 
 import antumbra as at
 from antumbra.base.errors import InputError
-from antumbra.devices.arrays import DeviceArray
 from antumbra.engine.engine import Engine
 from antumbra.scene.resident_triangles import ResidentTriangles
 from cutout_scenes import scene_with_cutouts
-from devices import device_plans
+from devices import device_plans, on_device_of
 from truths import soup_scene
 
 PLANS = device_plans(text=True)
 BUILT = pytest.mark.parametrize("plan", [plan for plan in PLANS if plan.values[0].startswith("lbvh")])
 LAMP = at.QuadLight((-1, 6, -1), (2, 0, 0), (0, 0, 2))
 CAMERA = at.Camera((0, 2, 9), (0, -0.5, 0), width=24, height=16)
-
-
-def on_device_of(engine, array):
-    """An array, copied to the device of an engine."""
-    device = engine._device_rays.vertices(np.zeros((1, 3)))._tracer.device
-    return DeviceArray(device.upload(np.ascontiguousarray(array)), array.shape, array.dtype, device.queue)
 
 
 def mesh_scene(seed=1):

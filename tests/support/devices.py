@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from antumbra.base.errors import InputError
+from antumbra.devices.arrays import DeviceArray
 from antumbra.devices.device import Device
 from antumbra.devices.device_list import open_device
+from antumbra.engine.device_tracers import device_tracer
 from antumbra.engine.plan import parse_plan
 from antumbra.kernels.marshalling import flatten, struct_of
 from antumbra.kernels.toolchain.device_code import DeviceKernel
@@ -39,6 +41,12 @@ def device_plans(text: bool = False) -> list[Any]:
         pytest.param(plan if text else parse_plan(plan), id=plan, marks=pytest.mark.device(name))
         for name, plan in plans
     ]
+
+
+def on_device_of(engine: Any, array: np.ndarray) -> DeviceArray:
+    """An array, copied to the device of an engine."""
+    device = device_tracer(engine.plan.device, engine.accelerator.device_memory).device
+    return DeviceArray(device.upload(np.ascontiguousarray(array)), array.shape, array.dtype, device.queue)
 
 
 def words_of(*arguments: object) -> np.ndarray:

@@ -1,10 +1,13 @@
 """Traced pictures of a page."""
 
+import re
+
 import numpy as np
 import pytest
 
 import antumbra as at
 from antumbra.picture.image_files import screen_picture
+from antumbra.picture.render_options import EngineOptions
 from antumbra.viewer.progressive_pictures import (
     MOST_PIXELS,
     PICTURE_STEPS,
@@ -41,6 +44,15 @@ def test_the_picture_is_the_one_that_render_makes(model, camera):
     assert frame.ground is not None and model.ground(camera) == model.scene.ground_height()
     inside = at.Camera((0.0, 0.5, 0.0), (0.0, 0.5, -1.0))
     assert model.ground(inside) is False
+
+
+@pytest.mark.parametrize("step", [FINE, PICTURE_STEPS[-1]])
+def test_a_picture_of_a_device_is_the_same_and_has_the_times_of_its_steps(camera, step):
+    models = [Model(box_on_floor(), SUN, CAMERA, engine=EngineOptions(device=name)) for name in ("host", None)]
+    ours, theirs = (trace_picture(model, camera, step) for model in models)
+    np.testing.assert_array_equal(ours.image, theirs.image)
+    assert re.fullmatch(r", host:0: .*surfaces [\d.]+, shadows [\d.]+, shading [\d.]+ ms", ours.cost), ours.cost
+    assert theirs.cost == ""
 
 
 def test_behind_a_scene_without_a_sky_is_daylight_as_in_png_files(model):

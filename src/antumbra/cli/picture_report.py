@@ -306,7 +306,7 @@ def print_choices(shot: "Shot", scene: "AnyScene") -> None:
 
     frame, triangles = shot.frame, scene.n_triangles
     _print_instances(scene, frame.plan)
-    _print_device(scene, frame.plan)
+    _print_device(scene, shot)
     if frame.choices is None or frame.tree is None:
         print(f"The plan {frame.plan} specifies its methods; nothing was chosen.")
         return
@@ -326,16 +326,24 @@ def print_choices(shot: "Shot", scene: "AnyScene") -> None:
     console.print_table(head, rows, right=(1, 4, 5), width=_WIDTH)
 
 
-def _print_device(scene: "AnyScene", plan: str) -> None:
+def _print_device(scene: "AnyScene", shot: "Shot") -> None:
     """Print what a device traced, and what the CPU did for it."""
     from ..devices.device_list import CPU, default_device, parse_device
     from ..engine.device_plans import traces_on_device
     from ..engine.plan import parse_plan
 
-    device = parse_plan(plan).device
+    frame = shot.frame
+    device = parse_plan(frame.plan).device
     if device is not None:
-        besides = "what the camera sees, and the few shadow rays that need exact arithmetic"
-        print(f"The device {device} traced the shadow rays; the CPU traced {besides}.")
+        rest = {
+            "found what the camera sees": frame.seen_on is None,
+            "found the sub-pixels of edges": frame.seen_on is not None and frame.refined is not None,
+            "traced bounced rays": frame.indirect is not None,
+            "decided the few tests that need exact arithmetic": True,
+        }
+        rays, done = "shadow" if frame.seen_on is None else "camera and shadow", [each for each in rest if rest[each]]
+        work = f"{', '.join(done)}{',' if len(done) > 1 else ''} and shaded"
+        print(f"The device {device} traced the {rays} rays; the CPU {work}.")
     elif default_device() not in (None, CPU) and not traces_on_device(scene.data):
         full = ":".join(map(str, parse_device(default_device() or CPU)))
         print(f"The CPU traced everything; by the plan bsah+chcrt+device:{full}, the device traces shadow rays.")

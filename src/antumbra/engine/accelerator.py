@@ -18,6 +18,7 @@ from ..base.progress import ProgressCallback
 from ..bvh.block_tree import block_tree
 from ..bvh.nodes import Bvh
 from ..bvh.refit import filter_tree
+from ..devices.device import OutOfDeviceMemory
 from ..devices.device_list import device_budget
 from ..query.equal_samples import any_bit, copy_bits, with_distinct_samples
 from ..query.shadow_query import ShadowQuery, new_bits
@@ -31,7 +32,7 @@ from ..trace.rays.ray_hits import Intersections
 from ..trace.tracer import TracerState
 from ..trace.transmission import TracedQuery, shares_of, transmission
 from .auto.strategies import AutoState, TreelessState
-from .device_tracers import OnDevice
+from .device_tracers import OnDevice, OnDeviceTracer
 from .method_registry import BUILDERS, CULLERS
 from .plan import Plan
 from .tree_choice import ExpectedRays, LearnedTrees, OwnTree, TreeChoice, UpdatedTree, new_tree
@@ -50,6 +51,11 @@ class Accelerated(NamedTuple):
     cutouts: CutoutTree | None = None  # alpha-masked faces, which are not in the BVH; None: there are none
     partial: bool = False  # whether culling has dropped triangles that other queries may need
     choice: TreeChoice | None = None  # what was built, and why; None: not built by an `Accelerator`
+
+    @property
+    def host_bvh(self) -> Bvh | None:
+        """The BVH on the host; one that a device has built is copied."""
+        return self.prepared.host_tree if isinstance(self.prepared, OnDevice) and self.bvh is None else self.bvh
 
     @property
     def scheduled(self) -> ChcRtState | None:
@@ -96,6 +102,8 @@ class Accelerator:
         Whether the tracer runs the builder itself, so that there is no `Accelerated.bvh`.
     one_tree : bool
         Whether shadow rays and camera rays share a BVH.
+    sees : bool
+        Whether the plan's device finds what perspective cameras see, in that BVH.
     device_memory : int or None
         Bytes that a plan on a device may allocate there; None: all that is free.
     """
@@ -105,7 +113,8 @@ class Accelerator:
         self.choice = TreeChoice(plan.cull, plan.build, plan.optimise, plan.update, plan.trace, "named by the plan")
         self.ray_selector = RepresentativeRaySelector(plan.sample or SrdhRays(), threads) if plan.wants_rays else None
         self.own_tree = plan.build in plan.tracer.builders and not (plan.optimise or plan.update)
-        self.one_tree = plan.tracer.builds and self.ray_selector is None and not self.own_tree
+        self.one_tree = plan.tracer.builds and self.ray_selector is None
+        self.sees = self.one_tree and isinstance(plan.tracer, OnDeviceTracer)
         if plan.update and self.memory.updated is None:
             self.memory.updated = UpdatedTree(plan.update)
         self.device_memory: int | None = None
@@ -172,7 +181,7 @@ class Accelerator:
         InputError
             If the builder is ray-guided and `sample` is None.
         """
-        return self.execute(self.choice, triangles, None, sample)
+        return self.execute(self.choice, triangles, None, sample)._replace(partial=False)
 
     def sample_rays(
         self,
@@ -240,9 +249,14 @@ class Accelerator:
         bvh = new_tree(choice, solid.vertices, self.threads, rays)
         return bvh._replace(prim_ids=solid.kept[bvh.prim_ids])
 
-    def prepare_all(self, triangles: Triangles) -> Accelerated:
-        """All triangles, prepared for camera rays: in the plan's BVH or a separate one."""
-        return self.build(triangles) if self.one_tree else self.for_camera(triangles)
+    def prepare_all(self, triangles: Triangles) -> Accelerated | None:
+        """All triangles, prepared for camera rays: in the plan's BVH or a separate one; None: a device has no room."""
+        if not self.one_tree:
+            return self.for_camera(triangles)
+        try:
+            return self.build(triangles)
+        except OutOfDeviceMemory:
+            return None
 
     def for_camera(self, triangles: Triangles) -> Accelerated:
         """A `bsah` BVH for camera rays, for plans without a BVH or with one specialised to shadow rays."""
@@ -286,13 +300,15 @@ class Accelerator:
         self, builder: str, triangles: Triangles, faces: NDArray[np.int32] | None, request: CullRequest | None
     ) -> Any:
         """A tree from the tracer: the latest one, refitted, or a new one."""
-        tracer, latest, self.memory.own = self.plan.tracer, self.memory.own, None
-        prepared = None if latest is None or request is not None else latest.at(tracer, triangles, faces)
+        tracer = self.plan.tracer
+        if request is not None:
+            return tracer.build(builder, triangles, faces, request)
+        latest, self.memory.own = self.memory.own, None
+        prepared = None if latest is None else latest.at(tracer, triangles, faces)
         if prepared is None:
             latest = None  # on a device, there may be no room for both
-            prepared = tracer.build(builder, triangles, faces, request)
-        if request is None:
-            self.memory.own = OwnTree(triangles, faces, prepared)
+            prepared = tracer.build(builder, triangles, faces)
+        self.memory.own = OwnTree(triangles, faces, prepared)
         return prepared
 
     def answer(

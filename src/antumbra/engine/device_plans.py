@@ -2,8 +2,9 @@
 
 The CPU builds ``bsah`` trees, which are uploaded once; devices build ``lbvh`` ones themselves, which animated scenes
 get by default, since each frame needs a new tree. Devices find what blocks shadow rays, and any and the nearest hits of
-ray lists, also on cut-outs and on copies of meshes. The CPU finds what a camera sees, and all hits. Stores are traced
-on the CPU, unless a plan such as ``bsah+chcrt+device:cuda:0`` lets a device trace their shadow rays.
+ray lists, also on cut-outs and on copies of meshes, and what perspective cameras see. The CPU finds what other cameras
+see, and all hits. Stores are traced on the CPU, unless a plan such as ``bsah+chcrt+device:cuda:0`` lets a device trace
+their shadow rays.
 """
 
 from dataclasses import replace

@@ -15,8 +15,11 @@ from ..base.progress import ProgressCallback
 from ..bvh.nodes import Bvh
 from ..devices.device_list import CPU, current_budget, parse_device
 from ..kernels.parallel import thread_count
+from ..query.gbuffer import GBuffer
 from ..query.query_bounds import triangle_box
+from ..query.resident_gbuffer import ResidentGBuffer
 from ..query.shadow_query import ShadowQuery, ray_count
+from ..scene.camera import CameraRays
 from ..scene.resident_triangles import ResidentTriangles
 from ..scene.triangles import Triangles
 from ..techniques.chcrt.chcrt_tracer import ChcRtTracer
@@ -76,6 +79,13 @@ class OnDevice(TracerState):
 
     def begin(self) -> None:
         """Begin a frame; nothing changes on the device."""
+
+    def see(self, triangles: Triangles, rays: CameraRays, cutouts: CutoutTree | None, threads: int) -> GBuffer:
+        """What a perspective camera sees of a scene of which this is the tree. OutOfDeviceMemory if it does not fit."""
+        from ..trace.device.device_surfaces import see_surfaces
+
+        there = see_surfaces(self.tracer, self.tree, triangles, rays, cutouts, threads)
+        return ResidentGBuffer.of(there)
 
     def add_shadows(self, cutouts: CutoutTree, query: ShadowQuery, bits: Bits, threads: int) -> None:
         """Set the bits of samples whose light cut-outs block, as `alpha_cutouts.add_shadows`."""

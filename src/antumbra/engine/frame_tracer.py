@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.progress import ProgressCallback
+from ..devices.device import OutOfDeviceMemory
 from ..query.gbuffer import GBuffer
 from ..query.shadow_query import ShadowQuery, Surfaces
 from ..scene.camera import Camera, CameraRays, ExplicitRays
@@ -121,26 +122,45 @@ class FrameTracer:
 
         lap : called with the name of each finished step, "cull" or "build"
         """
-        self._prepare(queries, self._shared_tree, lap)
+        self._prepare(queries, False, lap)
         if self._source.geometry is not None and self._accelerated is not None:
-            self._source.geometry.keep(self._accelerated)
+            whole = self._full_tree if self._accelerated.partial and self.accelerator.sees else None
+            self._source.geometry.keep(whole or self._accelerated)
 
     def prepare_again(self, queries: Sequence[ShadowQuery], lap: Callable[[str], None]) -> None:
         """Prepare for further queries. The last tree is reused unless culling has dropped some of its triangles."""
-        self._prepare(queries, self._accelerated or self._shared_tree, lap)
+        self._prepare(queries, True, lap)
 
     @property
     def _shared_tree(self) -> Accelerated | None:
         """The tree of all triangles, if shadow rays may use it."""
         return self._full_tree if self.accelerator.one_tree else None
 
-    def _prepare(
-        self, queries: Sequence[ShadowQuery], accelerated: Accelerated | None, lap: Callable[[str], None]
-    ) -> None:
-        if accelerated is None or accelerated.partial or self.plan.cull:
-            accelerated = self.accelerator.tree_for(self.triangles, queries, self._sample_rays, lap)
-        self._accelerated = accelerated
+    def _prepare(self, queries: Sequence[ShadowQuery], again: bool, lap: Callable[[str], None]) -> None:
+        """Prepare for queries; again: the tree of the last ones serves, too, if it has all triangles."""
+        ready = (self._accelerated if again else None) or self._shared_tree
+        if ready is None or ready.partial or self.plan.cull:
+            ready = self._accelerated = None  # a device may have no room for both
+            try:
+                ready = self._tree_for(queries, lap)
+            except OutOfDeviceMemory:
+                if not self._drop_full_tree():
+                    raise
+        self._accelerated = ready or self._tree_for(queries, lap)
         lap("build")
+
+    def _tree_for(self, queries: Sequence[ShadowQuery], lap: Callable[[str], None]) -> Accelerated:
+        return self.accelerator.tree_for(self.triangles, queries, self._sample_rays, lap)
+
+    def _drop_full_tree(self) -> bool:
+        """Drop the tree in which a device has found the surfaces. Returns whether there was one."""
+        geometry, seen = self._source.geometry, self._seen
+        if self._full_tree is None or not self.accelerator.sees or geometry is None:
+            return False
+        self._full_tree, self._seen = None, None if seen is None else seen._replace(tree=None)
+        self.accelerator.memory.own = None
+        geometry.keep(None)
+        return True
 
     @property
     def tree(self) -> Accelerated:

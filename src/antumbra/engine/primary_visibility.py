@@ -1,5 +1,7 @@
 """Primary visibility in memory: the surfaces visible to a camera, by rasterisation or by rays through a tree.
 
+A device that holds the tree finds them there; they stay there until the host reads them.
+
 If no method is given, `PrimaryMethodChooser` chooses one. Rays are often faster if there is a tree of blocks, but
 building one would take longer than they save. So rays are tried only if an earlier frame has cached such a tree and
 their kernels are compiled. From then on, the method with the lower time per pixel is used.
@@ -15,7 +17,9 @@ from numpy.typing import NDArray
 
 from ..bvh import lbvh
 from ..bvh.block_tree import BlockTree
+from ..devices.device import OutOfDeviceMemory
 from ..kernels.exact.filters import BEYOND
+from ..kernels.parallel import thread_count
 from ..kernels.toolchain.kernel_manifest import kernels_of_warm_up
 from ..query.gbuffer import GBuffer, from_hits
 from ..query.pixel_refinement import subpixel_gbuffer
@@ -32,6 +36,7 @@ from ..trace.rays.ray_hits import Nearest, nearest_surfaces
 from ..trace.tracer import BLOCKS
 from .accelerator import Accelerated
 from .auto.strategies import AutoState
+from .device_tracers import OnDevice
 from .precompilation import are_on_disk
 
 # --- Primary visibility -----------------------------------------------------------------------------------------------
@@ -55,6 +60,11 @@ def primary_visibility(
         tree = tree or _any_tree(triangles, threads)
         return next(nearest_in(tree, threads)([listed], (camera.height, camera.width))).gbuffer
     rays = camera.rays(triangles.origin)
+    if tree is not None and isinstance(tree.prepared, OnDevice):
+        try:
+            return tree.prepared.see(triangles, rays, tree.cutouts, thread_count(threads))
+        except OutOfDeviceMemory:
+            cutouts, tree = tree.cutouts, None
     if tree is None:
         face, t = _rasterised(triangles, solid_vertices(triangles, threads), rays, threads)
     elif tree.scheduled is not None:
@@ -85,8 +95,9 @@ def nearest_in(tree: Accelerated, threads: int | None = None) -> Nearest:
     if tree.scheduled is not None:
         scheduled = partial(nearest_scheduled, scheduled=tree.scheduled, show=show)
         return partial(scheduled, triangles=triangles, threads=threads)
-    assert tree.bvh is not None
-    return partial(nearest_surfaces, bvh=tree.bvh, triangles=triangles, threads=threads, show=show)
+    bvh = tree.host_bvh
+    assert bvh is not None
+    return partial(nearest_surfaces, bvh=bvh, triangles=triangles, threads=threads, show=show)
 
 
 def subpixel_visibility(

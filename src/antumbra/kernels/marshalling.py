@@ -48,7 +48,8 @@ _classes: dict[str, type] = {}
 
 @cache
 def _opening(cls: type) -> str:
-    """The token that starts a tuple of a class."""
+    """The token that starts a tuple of a class, or of the one whose place it takes (`base.fetched_fields`)."""
+    cls = getattr(cls, "_plain", cls)
     if cls is tuple:
         return "("
     name = f"{cls.__module__}:{cls.__qualname__}"

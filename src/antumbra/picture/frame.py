@@ -99,6 +99,7 @@ class Frame(NamedTuple):
     camera: Camera | None = None  # that of the call
     lights: tuple[Light, ...] = ()  # those of the call, as drawn for its seed
     options: RenderOptions | None = None  # those of the call, with the time clamped to the scene's duration
+    seen_on: str | None = None  # the device that found the visible surfaces, such as "cuda:0"; None: the CPU
 
     @property
     def coverage(self) -> NDArray[np.float32]:

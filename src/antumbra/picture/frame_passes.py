@@ -159,6 +159,7 @@ def render_frame(state: FrameState) -> Frame:
         camera=request.camera,
         lights=tuple(request.lights),
         options=request.options,
+        seen_on=surfaces.device,
     )
 
 

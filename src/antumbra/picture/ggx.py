@@ -31,7 +31,7 @@ from ..kernels.simd import (
     splat16,
     square_root,
 )
-from ..query.shadow_query import query_pointers, set_of
+from ..query.shadow_query import query_pointers, set_of, without_corners
 from ..scene.rough_mirrors import LEAST_ALPHA
 from ..trace.transmission import TracedQuery
 from .light_visibility import LANES, SampleRows, emitter_at, sample_rows, sample_weights, sum_lanes, to_samples
@@ -130,7 +130,8 @@ def mean_lobes(points: LobePoints, traced: TracedQuery, threads: int | None = No
     arrive.
     """
     out = np.empty((len(points.at), 3), np.float32)
-    args = points, traced.query, sample_rows(traced.query.samples), traced.bits, out
+    query = without_corners(traced.query)
+    args = points, query, sample_rows(query.samples), traced.bits, out
     run(_lobe_kernel, thread_count(threads), new_ticket(len(out), 256), *args)
     return out
 

@@ -33,7 +33,16 @@ from ..kernels.simd import (
 from ..query.equal_samples import with_distinct_samples
 from ..query.pixel_refinement import penumbra
 from ..query.receivers import NOTHING
-from ..query.shadow_query import ShadowQuery, fraction_lit, patch_of, query_pointers, sample_of, set_of, three_at
+from ..query.shadow_query import (
+    ShadowQuery,
+    fraction_lit,
+    patch_of,
+    query_pointers,
+    sample_of,
+    set_of,
+    three_at,
+    without_corners,
+)
 from ..query.surface_links import PictureSurfaces
 from ..scene.lights import AMBIENT, SPHERE, LightPatch, is_list
 from ..trace.transmission import (
@@ -234,7 +243,7 @@ def irradiance_shares(facing: PixelNormals, traced: TracedQuery, threads: int | 
         return fraction if light is None else light.mean_of(fraction) if channels == 1 else light.colour_of(fraction)
     out = np.empty((*query.sides.shape, channels), np.float32)
     ticket = new_ticket(query.sides.size, 1024)
-    args = query, sample_rows(query.samples), traced.bits, traced.through, facing, out
+    args = without_corners(query), sample_rows(query.samples), traced.bits, traced.through, facing, out
     run(_share_kernel, thread_count(threads), ticket, *args)
     return out if channels > 1 else out[..., 0]
 

@@ -107,7 +107,6 @@ class ShadowCatcher:
         points = origins[gbuffer.side != NOTHING]
         reach = reach_of(self._box, points, state.threads) if len(points) else 1.0
         normals = gbuffer.normal.astype(np.float64)
-        corners = state.tracer.triangles.vertices.reshape(-1, 9)
         patches = [place(light, state.tracer.triangles.origin, self._box, reach) for light in self._lights]
         return [
             ShadowQuery(
@@ -115,7 +114,7 @@ class ShadowCatcher:
                 faces=gbuffer.face,
                 sides=gbuffer.side,
                 normals=normals,
-                corners=corners,
+                corners=np.empty((0, 9), np.float32),  # the ground has no faces
                 light=patch,
                 samples=samples[k],
                 cull_faces=state.request.facing,

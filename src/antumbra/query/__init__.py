@@ -6,7 +6,7 @@
 - `shadow_query`: `ShadowQuery`, the queries of a picture, samples below the horizon
 - `ray_list`: checked ray arrays; `point_list`: checked points
 - `ray_passes`: one ray per pixel: diffuse rays, camera rays, hits on a ground plane
-- `gbuffer`: G-buffer, pixel rays, smooth-surface test
+- `gbuffer`: G-buffer, pixel rays, smooth-surface test; `resident_gbuffer`: one on a device
 - `raster_setup`: edge functions and depth keys of a triangle
 - `raster_bins`: screen bounds of triangles, triangle list of each tile
 - `rasteriser`: `rasterise`, tile by tile

@@ -71,7 +71,8 @@ def surface_of(gbuffer):
 
 
 @inlined
-def _put3(pointer, at, v):
+def put3(pointer, at, v):
+    """Write row `at` of rows of three float32."""
     f = np.float32
     put(pointer, 3 * at, f(v[0]))
     put(pointer, 3 * at + 1, f(v[1]))
@@ -107,14 +108,22 @@ def fill_pixel(y, x, normal, t, rays, out, at):
 
 
 @inlined
-def fill_point(o, d, normal, t, out, at):
-    """Write entry `at`: the point at parameter t of the float64 ray from o along d, where it meets a triangle."""
+def point_at(o, d, normal, t):
+    """(position, unit normal towards o, side) at parameter t of the float64 ray from o along d; normal: FaceNormal."""
     dx, dy, dz = d
-    _put3(out.position, at, (o[0] + t * dx, o[1] + t * dy, o[2] + t * dz))
     away = normal.x * dx + normal.y * dy + normal.z * dz > 0.0
     scale = -normal.scale if away else normal.scale
-    _put3(out.normal, at, (normal.x * scale, normal.y * scale, normal.z * scale))
-    put(out.side, at, -1 if away else 1)
+    position = o[0] + t * dx, o[1] + t * dy, o[2] + t * dz
+    return position, (normal.x * scale, normal.y * scale, normal.z * scale), -1 if away else 1
+
+
+@inlined
+def fill_point(o, d, normal, t, out, at):
+    """Write entry `at`: the point at parameter t of the float64 ray from o along d, where it meets a triangle."""
+    position, towards, side = point_at(o, d, normal, t)
+    put3(out.position, at, position)
+    put3(out.normal, at, towards)
+    put(out.side, at, side)
 
 
 @kernel
@@ -134,8 +143,8 @@ def _fill(ticket, t, corners, rays, row, gbuffer):
                     fill_pixel(row + y, x, normal, far, rays, out, at)
                 else:
                     put(out.side, at, NOTHING)
-                    _put3(out.position, at, (zero, zero, zero))
-                    _put3(out.normal, at, (zero, zero, zero))
+                    put3(out.position, at, (zero, zero, zero))
+                    put3(out.normal, at, (zero, zero, zero))
 
 
 def from_hits(

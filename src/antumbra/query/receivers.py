@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base.checks import as_array, unit_vectors, vector
 from ..base.errors import InputError
-from ..kernels.exact.filters import max_magnitude, plane, side_of
+from ..kernels.exact.filters import UNSURE, max_magnitude, plane, quick_side, side_of
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import new_ticket, run, shares, thread_count
 from ..kernels.simd import get, ptr, put
@@ -36,7 +36,7 @@ def _magnitude(corners, face):
     return np.float64(m)
 
 
-class _Face(NamedTuple):
+class FacePlane(NamedTuple):
     """A triangle's plane, as from `predicate.filters.plane` relative to (0, 0, 0); float64."""
 
     v0: tuple[float, float, float]
@@ -46,31 +46,52 @@ class _Face(NamedTuple):
 
 
 @inlined
-def _face_of(corners, face):
-    """The `_Face` of a triangle."""
+def plane_of_face(corners, face):
+    """The `FacePlane` of a triangle."""
     zero = np.float64(0.0)
     v0, normal, error = plane(corners, face, zero, zero, zero)
-    return _Face(v0, normal, error, _magnitude(corners, face))
+    return FacePlane(v0, normal, error, _magnitude(corners, face))
+
+
+@inlined
+def _first_shift(p, known):
+    widest_point, widest_corner = max_magnitude(p), known.size
+    return SHIFT * (widest_point if widest_point > widest_corner else widest_corner)  # Eq. (1) of receivers.md
+
+
+@inlined
+def _shifted(p, n, shift):
+    return np.float32(p[0] + shift * n[0]), np.float32(p[1] + shift * n[1]), np.float32(p[2] + shift * n[2])
 
 
 @inlined
 def _offset_point(p, n, side, known, corners, face):
     """The float32 receiver of the float64 surface point p with unit normal n, on the visible side of `face`.
 
-    known : the `_Face` of `face`
+    known : the `FacePlane` of `face`
     """
-    f = np.float32
-    widest_point, widest_corner = max_magnitude(p), known.size
-    shift = SHIFT * (
-        widest_point if widest_point > widest_corner else widest_corner
-    )  # Eq. (1) of docs/design/receivers.md
-    x, y, z = f(p[0] + shift * n[0]), f(p[1] + shift * n[1]), f(p[2] + shift * n[2])
+    shift = _first_shift(p, known)
+    x, y, z = _shifted(p, n, shift)
     for _ in range(_MAX_DOUBLINGS):
         if side_of(known.v0, known.normal, known.error, x, y, z, corners, face) == side:
             break
         shift *= 2.0
-        x, y, z = f(p[0] + shift * n[0]), f(p[1] + shift * n[1]), f(p[2] + shift * n[2])
+        x, y, z = _shifted(p, n, shift)
     return x, y, z
+
+
+@inlined
+def quick_offset(p, n, side, known):
+    """The receiver of `_offset_point` without exact arithmetic: (the point, whether float64 has decided it)."""
+    shift = _first_shift(p, known)
+    x, y, z = _shifted(p, n, shift)
+    for _ in range(_MAX_DOUBLINGS):
+        found = quick_side(known.v0, known.normal, known.error, x, y, z)
+        if found == side or found == UNSURE:
+            return (x, y, z), found == side
+        shift *= 2.0
+        x, y, z = _shifted(p, n, shift)
+    return (x, y, z), True
 
 
 @kernel
@@ -78,13 +99,13 @@ def _move_kernel(ticket, positions, normals, faces, sides, corners, origins):
     positions, normals, faces, sides = ptr(positions), ptr(normals), ptr(faces), ptr(sides)
     corners, origins, zero = ptr(corners), ptr(origins), np.float64(0.0)
     for first, end in shares(ticket):
-        last, known = -1, _Face((zero, zero, zero), (zero, zero, zero), zero, zero)
+        last, known = -1, FacePlane((zero, zero, zero), (zero, zero, zero), zero, zero)
         for i in range(first, end):
             x, y, z = get(positions, 3 * i), get(positions, 3 * i + 1), get(positions, 3 * i + 2)
             if get(sides, i) != NOTHING:
                 face = get(faces, i)
                 if face != last:  # neighbouring pixels often see the same triangle
-                    last, known = face, _face_of(corners, face)
+                    last, known = face, plane_of_face(corners, face)
                 p = np.float64(x), np.float64(y), np.float64(z)
                 n = (
                     np.float64(get(normals, 3 * i)),

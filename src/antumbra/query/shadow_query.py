@@ -10,17 +10,20 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.fetched_fields import FetchedFields
 from ..kernels.exact.filters import UNSURE, max_magnitude, plane
 from ..kernels.exact.predicate import exact_plane_side
 from ..kernels.jit import F32Ptr, F64Ptr, I8Ptr, I32Ptr, inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import get, popcount, ptr, put
 from ..scene.lights import AMBIENT, Light, LightPatch
+from ..scene.resident_triangles import ResidentTriangles
 from ..scene.triangles import Triangles
 from .gbuffer import GBuffer
 from .light_samples import patch_at, sample_point
 from .query_bounds import place, reach_of, triangle_box
 from .receivers import FREE, NOTHING, surface_receivers
+from .resident_gbuffer import ResidentGBuffer, ResidentSurfaces
 
 # --- The shadow query -------------------------------------------------------------------------------------------------
 
@@ -47,6 +50,88 @@ class ShadowQuery(NamedTuple):
     cull_faces: int  # a value of CULL_FACES
     ids: np.ndarray  # (h, w) int32: own triangles' indices in trees; equal to `faces` if `corners` has all triangles
 
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(h, w)."""
+        h, w = self.sides.shape
+        return h, w
+
+    @property
+    def n(self) -> int:
+        """The number of receivers, including missing ones."""
+        return self.shape[0] * self.shape[1]
+
+    @property
+    def receivers(self) -> tuple[object, ...]:
+        """Objects by whose identity receivers are recognised."""
+        return self.origins, self.faces, self.sides, self.normals
+
+
+_NO_NORMALS, _NO_CORNERS = np.empty((0, 0, 3)), np.empty((0, 9), np.float32)
+
+
+class ResidentQuery(FetchedFields, ShadowQuery):
+    """A `ShadowQuery` whose receivers are on a device, and all triangles of the scene.
+
+    there : ResidentSurfaces
+    """
+
+    _plain, _own = ShadowQuery, ("light", "samples", "cull_faces")
+    there: ResidentSurfaces
+
+    @classmethod
+    def of(
+        cls, there: ResidentSurfaces, light: LightPatch, samples: NDArray[np.float64], cull_faces: int
+    ) -> "ResidentQuery":
+        """The query of a light at these surfaces."""
+        new = cls._make([*[None] * 5, light, samples, cull_faces, None])
+        new.there = there
+        return new
+
+    def _replace(self, **changes: Any) -> Any:
+        if changes.keys() <= set(self._own):
+            light, samples, cull_faces = (changes.get(name, getattr(self, name)) for name in self._own)
+            return ResidentQuery.of(self.there, light, samples, cull_faces)
+        return super()._replace(**changes)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.there.shape
+
+    @property
+    def receivers(self) -> tuple[object, ...]:
+        return (self.there,)
+
+    origins = property(lambda self: self.there.origins)
+    faces = property(lambda self: self.there.face)
+    sides = property(lambda self: self.there.side)
+    ids = property(lambda self: self.there.face)
+    corners = property(lambda self: self.there.triangles.vertices.reshape(-1, 9))
+
+    @property
+    def normals(self) -> NDArray[np.float64]:
+        return self.there.normals if self.light.kind == AMBIENT else _NO_NORMALS
+
+    def with_corners_of(self, receivers: NDArray[np.int64] | None) -> ShadowQuery:
+        """The query on the host, with the triangles of some receivers only, or of none.
+
+        receivers : (k,) int64, in any order, perhaps repeated; the faces of the others are -1. None: all faces stay.
+        """
+        faces, corners = self.faces, _NO_CORNERS
+        if receivers is not None:
+            own, places = np.unique(self.faces.reshape(-1)[receivers], return_inverse=True)
+            none = int(np.searchsorted(own, 0))
+            faces, corners = np.full_like(self.faces, -1), self.there.corners_of(own[none:])
+            faces.reshape(-1)[receivers] = places.reshape(-1) - none
+        return ShadowQuery(
+            self.origins, faces, self.sides, self.normals, corners, self.light, self.samples, self.cull_faces, self.ids
+        )
+
+
+def without_corners(query: ShadowQuery) -> ShadowQuery:
+    """The query for kernels that read no triangles, so that those on a device need not be copied."""
+    return query.with_corners_of(None) if isinstance(query, ResidentQuery) else query
+
 
 def with_receivers(query: ShadowQuery, pick: Callable[[np.ndarray], np.ndarray]) -> ShadowQuery:
     """The query of a selection of receivers: `pick` takes them from each (h, w, ...) array.
@@ -60,7 +145,7 @@ def with_receivers(query: ShadowQuery, pick: Callable[[np.ndarray], np.ndarray])
 
 def new_bits(query: ShadowQuery) -> NDArray[np.uint64]:
     """(h, w, ceil(spp / 64)) uint64 zeros: no sample is occluded."""
-    return np.zeros((*query.sides.shape, -(-query.samples.shape[1] // 64)), np.uint64)
+    return np.zeros((*query.shape, -(-query.samples.shape[1] // 64)), np.uint64)
 
 
 def ray_count(query: ShadowQuery) -> int:
@@ -321,10 +406,26 @@ class Surfaces(NamedTuple):
     albedo: np.ndarray | None = None  # (H, W, 3) float32: linear base colours; None: those of the faces
     shading: ShadingNormals | None = None  # None: shade with the geometric normals
     materials: PixelMaterials | None = None  # None: all surfaces are diffuse
+    device: str | None = None  # the device that found the surfaces; None: the CPU
+
+
+class SurfacesThere(FetchedFields, Surfaces):
+    """`Surfaces` of a `ResidentGBuffer`, whose faces index all triangles of the scene."""
+
+    _plain = Surfaces
+    ids = property(lambda self: self.gbuffer.face)
+
+    def _replace(self, **changes: Any) -> Any:
+        if "ids" in changes:
+            return super()._replace(**changes)
+        kept = {name: getattr(self, name) for name in self._fields if name != "ids"}
+        return SurfacesThere._make((kept | changes).get(name) for name in self._fields)
 
 
 def surfaces_of(gbuffer: GBuffer, triangles: Triangles) -> Surfaces:
     """`Surfaces` of a G-buffer whose faces index all triangles of the scene."""
+    if isinstance(gbuffer, ResidentGBuffer):
+        return SurfacesThere(gbuffer, triangles, None, device=gbuffer.there.device.name)  # type: ignore[arg-type]
     return Surfaces(gbuffer, triangles, gbuffer.face)
 
 
@@ -361,8 +462,12 @@ def surface_queries(
     threads: int | None = None,
 ) -> list[ShadowQuery]:
     """`shadow_queries` for `Surfaces`."""
-    gbuffer, triangles, ids, box = surfaces[:4]
-    shape = gbuffer.face.shape
+    gbuffer, triangles, box = surfaces.gbuffer, surfaces.triangles, surfaces.box
+    patches = _placed(lights, triangles, box, threads)
+    if isinstance(gbuffer, ResidentGBuffer):
+        there = gbuffer.there
+        return [ResidentQuery.of(there, patch, sets, cull_faces) for patch, sets in zip(patches, samples)]
+    shape, ids = gbuffer.face.shape, surfaces.ids
     corners = triangles.vertices.reshape(-1, 9)
     flat = (
         gbuffer.position.reshape(-1, 3),
@@ -371,13 +476,20 @@ def surface_queries(
         gbuffer.side.reshape(-1),
     )
     origins = surface_receivers(*flat, corners, threads).reshape(*shape, 3)
-    if box is None and triangles.vertices.size:
-        box = triangle_box(triangles, threads)
-    far = reach_of(box) if box is not None and triangles.vertices.size else 1.0
-    patches = [place(light, triangles.origin, box, far) for light in lights]
     ambient = any(p.kind == AMBIENT for p in patches)
-    normals = gbuffer.normal.astype(np.float64) if ambient else np.empty((0, 0, 3))
+    normals = gbuffer.normal.astype(np.float64) if ambient else _NO_NORMALS
     return [
         ShadowQuery(origins, gbuffer.face, gbuffer.side, normals, corners, patch, sets, cull_faces, ids)
         for patch, sets in zip(patches, samples)
     ]
+
+
+def _placed(
+    lights: Sequence[Light], triangles: Triangles, box: NDArray[np.float32] | None, threads: int | None
+) -> list[LightPatch]:
+    """The patches of lights; `box`: as in `Surfaces`."""
+    some = isinstance(triangles, ResidentTriangles) or triangles.vertices.size > 0
+    if box is None and some:
+        box = triangle_box(triangles, threads)
+    far = reach_of(box) if box is not None and some else 1.0
+    return [place(light, triangles.origin, box, far) for light in lights]

@@ -1,11 +1,12 @@
 """Triangles in the memory of a device, which are copied to the host only when something there reads their vertices."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.fetched_fields import FetchedFields
 from .triangles import Triangles
 
 
@@ -39,12 +40,13 @@ class DeviceVertices(Protocol):
         """
 
 
-class ResidentTriangles(Triangles):
+class ResidentTriangles(FetchedFields, Triangles):
     """Triangles on a device. `vertices` is fetched when it is first read, and kept.
 
     memory, bounds : as in `FramedVertices`
     """
 
+    _plain = Triangles
     memory: Any
     bounds: NDArray[np.float32]
     _fetch: Callable[[], NDArray[np.float32]]
@@ -61,16 +63,3 @@ class ResidentTriangles(Triangles):
         if "_fetched" not in vars(self):
             self._fetched = self._fetch()
         return self._fetched
-
-    def __iter__(self) -> Iterator[Any]:
-        yield self.vertices
-        yield from super().__getitem__(slice(1, None))
-
-    def __getitem__(self, key: Any) -> Any:
-        return tuple(self)[key]
-
-    def _replace(self, **changes: Any) -> Triangles:  # type: ignore[override]
-        return Triangles(*self)._replace(**changes)
-
-    def __reduce__(self) -> tuple[type[Triangles], tuple[Any, ...]]:
-        return Triangles, tuple(self)

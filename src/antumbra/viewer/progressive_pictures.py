@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.wording import counted
+from ..engine.plan import parse_plan
 from ..picture.frame import Frame
 from ..picture.frame_request import TimeSample
 from ..picture.heat_maps import draw_bar, linear_scale
@@ -201,6 +202,21 @@ class TracedPicture(NamedTuple):
     rays: int
     note: str = ""  # description of the content unless it is a plain picture
     legend: NDArray[np.uint8] | None = None  # (H, W, 3) sRGB: the colours and their numbers
+    cost: str = ""  # the times of its steps, after a comma, if a device traced it
+
+
+_STEPS = {"evaluate": "triangles", "build": "tree", "gbuffer": "surfaces", "cull": "culling", "trace": "shadows"}
+"""Phase of a frame -> what the panel calls it; the others are `shading`."""
+
+
+def device_cost(frame: Frame) -> str:
+    """The milliseconds of a frame's steps, after a comma, if a device traced it."""
+    device = parse_plan(frame.plan).device
+    if device is None:
+        return ""
+    times = {name: frame.timings[phase] for phase, name in _STEPS.items() if frame.timings[phase] > 0.0}
+    times["shading"] = frame.timings["total"] - sum(times.values())
+    return f", {device}: " + ", ".join(f"{name} {1000 * seconds:.1f}" for name, seconds in times.items()) + " ms"
 
 
 def steps_of(model: Model) -> tuple[Step, ...]:
@@ -236,7 +252,8 @@ def trace_picture(model: Model, camera: Camera, step: Step, check: Check = lambd
         exposure = model.exposure
         assert exposure is not None  # set by update_from
         image, note = screen_picture(frame, exposure), ""
-    return TracedPicture(image, step, perf_counter() - start, frame.rays, note)
+    seconds = perf_counter() - start
+    return TracedPicture(image, step, seconds, frame.rays, note, cost=device_cost(frame))
 
 
 def _frame(

@@ -239,7 +239,7 @@ class Model:
         if place is not None:
             place = checked_place(checked_instance(place, Place, "place"))
         self.scene, self.page_frame, self.place, self.threads = scene, PageFrame.of(scene), place, engine.threads
-        self.renderer = Renderer(scene, engine.plan, engine.threads, engine.gbuffer, engine.max_memory)
+        self.renderer = Renderer(scene, engine.plan, engine.threads, engine.gbuffer, engine.max_memory, engine.device)
         self.plan, self.time, self.display = engine.plan, scene.clamped(time), DisplayOptions()
         self._initial_lights = None if lights is None else check_lights(lights, scene.up)
         self._default_lights: tuple[float, dict[str, Light]] | None = None  # the unmoved lights at a time

@@ -296,6 +296,7 @@ def view(
     plan: str | Plan | None = None,
     threads: int | None = None,
     max_memory: int | None = None,
+    device: str | None = None,
     place: Place | None = None,
     port: int = PORT,
     host: str = HOST,
@@ -316,7 +317,7 @@ def view(
         The initial view. None: the scene's first camera, or ``scene.default_camera()``.
     time : float
         Seconds into the animation.
-    plan, threads, max_memory
+    plan, threads, max_memory, device
         As in `antumbra.render`.
     place : Place or None
         Location of the scene on Earth (`antumbra.place_of`), which lets the sun follow a date and time.
@@ -346,7 +347,7 @@ def view(
     allowed = items(allow_host, str, "allow_host")
     if browser is not None:
         browser = flag(browser, "browser")
-    engine = EngineOptions(plan=plan, threads=threads, max_memory=max_memory)
+    engine = EngineOptions(plan=plan, threads=threads, max_memory=max_memory, device=device)
     model = Model(scene_of(scene), lights, camera, time, engine=engine, place=place)
     prepare(model)
     viewer = Viewer(Page(model, host, port, allowed))

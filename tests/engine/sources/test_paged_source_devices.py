@@ -187,6 +187,27 @@ def test_chunks_above_the_limit_are_refused(city):
         renderer.render(_walk(city[0])[0], [LIGHT], spp=4)
 
 
+@pytest.mark.parametrize("spare", [100_000, 400_000])
+def test_chunks_leave_for_the_receivers_of_a_larger_picture(city, spare):
+    """The device has room for the chunks that a small picture needs, and `spare` bytes."""
+    scene, path = city
+    lights, cameras = [LIGHT, SUN, at.AmbientOcclusion(3.0)], [_walk(scene)[0], _walk(scene)[0].resized(120, 100)]
+    renderer, inside = _renderer(path, "host"), Renderer(scene, "bsah+single", 2)
+    _same(renderer.render(cameras[0], lights, spp=4), inside.render(cameras[0], lights, spp=4))
+    there = renderer.source.on_device
+    device, used, before = there.device, there.device.used, there.traffic.evicted
+    try:
+        device.max_memory = used + spare
+        _same(renderer.render(cameras[1], lights, spp=4), inside.render(cameras[1], lights, spp=4))
+        assert there.traffic.evicted > before and device.used <= used + spare
+        there.close()
+        device.max_memory = device.used + 1000
+        with pytest.raises(OutOfDeviceMemory, match="max_memory"):
+            renderer.render(cameras[1].resized(400, 400), lights, spp=4)
+    finally:
+        device.max_memory = None
+
+
 @pytest.mark.parametrize("plan", [plan_on("host"), "chcrt+device:host+bsah", "device:host+bsah+chcrt"])
 def test_the_plan_is_for_stores_alone(city, plan):
     scene, path = city

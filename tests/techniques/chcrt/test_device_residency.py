@@ -121,6 +121,19 @@ def test_parts_leave_if_others_have_taken_the_memory(cache):
         _asked(cache, [6])
 
 
+def test_parts_leave_for_other_memory_but_those_that_are_being_traced_stay(cache):
+    _asked(cache, [0, 1, 2, 3])
+    size, groups = cache.used // 4, cache.groups(np.array([1, 2, 7], np.int32), _all, None)
+    assert next(groups).tolist() == [1, 2]
+    assert cache.evict(size) and [k for k in range(4) if k in cache] == [1, 2, 3]
+    assert cache.evict(9 * size) and [k for k in range(4) if k in cache] == [1, 2]
+    assert not cache.evict(1) and cache.traffic.evicted == 2
+    assert next(groups).tolist() == [7] and not cache.evict(0)
+    assert cache.evict(size) and 7 in cache and 1 not in cache
+    groups.close()
+    assert cache.evict(9 * size) and not cache.used
+
+
 def test_empty_and_tiny_parts_are_trees_too():
     trees = {0: _tree(0), 1: _tree(1), 2: _tree(17)}
     cache = DeviceResidency(opened("host"), HostParts(), trees.__getitem__, 3, 1 << 20)

@@ -14,7 +14,8 @@ from antumbra.query.shadow_query import new_bits
 from antumbra.trace import alpha_cutouts
 from antumbra.trace.alpha_cutouts import add_shadows, cutout_tree
 from antumbra.trace.device import device_cutouts
-from antumbra.trace.device.device_tracer import CAPACITIES, Capacities, DeviceTracer
+from antumbra.trace.device.device_stages import CAPACITIES, Capacities
+from antumbra.trace.device.device_tracer import DeviceTracer
 from antumbra.trace.transmission import lit_fraction, shares_of
 from asking import query_of
 from cutout_scenes import MASKS, pane, scene_with_cutouts, seasonal, with_masks

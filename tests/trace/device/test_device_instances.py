@@ -11,7 +11,8 @@ from antumbra.query.light_samples import light_samples
 from antumbra.query.ray_list import HitFilter, rays_of
 from antumbra.query.shadow_query import new_bits
 from antumbra.trace.device.device_instances import ForestTracer
-from antumbra.trace.device.device_tracer import CAPACITIES, Capacities, DeviceTracer
+from antumbra.trace.device.device_stages import CAPACITIES, Capacities
+from antumbra.trace.device.device_tracer import DeviceTracer
 from devices import DEVICES, device_plans, opened
 from instance_scenes import block, both, random_scenes, random_transforms, rays_to_corners, whole_scenes
 

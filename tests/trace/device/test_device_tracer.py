@@ -10,7 +10,8 @@ from antumbra.query.ray_list import HitFilter, rays_of
 from antumbra.query.receivers import Receivers
 from antumbra.query.shadow_query import new_bits
 from antumbra.trace.device.device_launches import DeviceLaunches
-from antumbra.trace.device.device_tracer import CAPACITIES, Capacities, DeviceTracer
+from antumbra.trace.device.device_stages import CAPACITIES, Capacities
+from antumbra.trace.device.device_tracer import DeviceTracer
 from antumbra.trace.rays.single_rays import as_built, trace_shadow
 from asking import query_of
 from devices import DEVICES, opened
@@ -219,30 +220,3 @@ def test_triangles_of_a_view_with_gaps_are_sent_each_time(device):
         assert launches.kept_triangles(part)
         found = launches.block("triangles of the scene", 0, "").read(np.empty((10, 9), np.float32))
         np.testing.assert_array_equal(found, part)
-
-
-# --- Lists that are too short -----------------------------------------------------------------------------------------
-
-
-def test_rays_that_find_the_list_full_are_traced_again_and_at_last_on_the_cpu(device, monkeypatch):
-    scene, rounds, on_cpu = soup_scene(3), [], []
-    origins, targets = hostile_rays(scene, 600)
-
-    def counted(function, calls):
-        def call(*arguments):
-            calls.append(None)
-            return function(*arguments)
-
-        return call
-
-    ways = {CAPACITIES: (False, False), TINY: (True, False), TINY._replace(least=1000): (False, True)}
-    for capacities, way in ways.items():
-        tracer = DeviceTracer(device, capacities)
-        rounds.clear(), on_cpu.clear()
-        monkeypatch.setattr(tracer, "_round", counted(tracer._round, rounds))
-        monkeypatch.setattr(tracer, "_trace_on_cpu", counted(tracer._trace_on_cpu, on_cpu))
-        for any_hit in True, False:
-            hits = traced(tracer, scene, any_hit, origins, targets - origins)
-            found = hits.blocked if any_hit else hits.face >= 0
-            np.testing.assert_array_equal(found, scene.occluded(origins, targets - origins))
-        assert (len(rounds) > 2, len(on_cpu) > 0) == way

@@ -1,10 +1,11 @@
 """Records of tests and rays that a device leaves, decided on the CPU."""
 
 import numpy as np
+import pytest
 
 from antumbra.bvh import binned_sah
 from antumbra.trace.device.device_kernels import RECORD
-from antumbra.trace.device.settling import BEST, RAY, SLOT, blocked_rays, heads_of, nearest_slots, traced_rays
+from antumbra.trace.device.settling import BEST, RAY, SLOT, blocked_rays, heads_of, nearest_slots, renumber, traced_rays
 
 WALLS = np.array([[[-1.0, -1, k], [3, -1, k], [-1, 3, k]] for k in range(4)], np.float32)
 """Parallel walls; a ray along z through (-1, 0) runs through their edges."""
@@ -41,3 +42,13 @@ def test_recorded_rays_are_traced_through_the_whole_tree():
     records = records_of([(0, -1, 0), (1, 0, 0)])  # the second one ignores the first wall
     np.testing.assert_array_equal(bvh.prim_ids[traced_rays(records, bvh, 0, False, 1)], [0, 1])
     assert (traced_rays(records, bvh, 0, True, 1) >= 0).all()
+
+
+@pytest.mark.parametrize("slots", [[[9, -1], [-1, -1], [4, 9], [7, 4]], [[9, 4], [7, 9]], [[-1, -1]]])
+def test_records_are_renumbered_by_the_slots_that_they_name(slots):
+    records = records_of([(k, *row) for k, row in enumerate(slots)])
+    heads = heads_of(records)
+    found = renumber(records)
+    assert found.tolist() == sorted({slot for row in slots for slot in row} - {-1})
+    np.testing.assert_array_equal(np.append(found, -1)[heads[:, [SLOT, BEST]]], slots)
+    assert heads[:, RAY].tolist() == list(range(len(slots)))

@@ -10,7 +10,8 @@ from antumbra.query.receivers import NOTHING
 from antumbra.query.shadow_query import new_bits, ray_count, with_receivers
 from antumbra.trace.counters import NODES, new_counters
 from antumbra.trace.device import device_tracer as device_tracer_module
-from antumbra.trace.device.device_tracer import CAPACITIES, Capacities, DeviceTracer
+from antumbra.trace.device.device_stages import CAPACITIES, Capacities
+from antumbra.trace.device.device_tracer import DeviceTracer
 from antumbra.trace.rays.single_rays import as_built, trace_shadow
 from asking import query_of
 from beam_scenes import RECEIVERS, lit, on_surfaces

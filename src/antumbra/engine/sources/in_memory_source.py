@@ -310,7 +310,8 @@ class InMemory:
     trees : SceneTrees
         Shared with other engines of the scene.
     gbuffer : "raster", "rays" or "auto"
-        The method of primary visibility; "auto": the faster one, see `primary_visibility`.
+        The method of primary visibility; "auto": rays if a device traces them; otherwise the faster one, see
+        `primary_visibility`.
 
     Attributes
     ----------
@@ -323,7 +324,8 @@ class InMemory:
     fixed = memory = None
 
     def __init__(self, data: MemoryData, accelerator: Accelerator, trees: SceneTrees, gbuffer: str = AUTO):
-        self.scene, self.gbuffer, self._method_chooser, self._trees = data, gbuffer, PrimaryMethodChooser(), trees
+        self.scene, self._method_chooser, self._trees = data, PrimaryMethodChooser(), trees
+        self.gbuffer = RAYS if gbuffer == AUTO and accelerator.sees else gbuffer  # on the device
         self._accelerator, self.threads = accelerator, accelerator.threads
         self._box: tuple[Triangles, np.ndarray] | None = None  # the latest triangles and their bounds
         self.ray_lists = RayLists(data, trees, self.threads)
@@ -364,12 +366,14 @@ class InMemory:
         if not (accelerated.partial or self._accelerator.plan.wants_rays):
             self._trees.add(self._accelerator.plan, accelerated)
 
-    def keep(self, accelerated: Accelerated) -> None:
-        """Cache the tree if later frames use the same triangles and tree, whoever chose the plan.
+    def keep(self, accelerated: Accelerated | None) -> None:
+        """Cache the tree if later frames use the same triangles and tree, whoever chose the plan; None: drop it.
 
         Not a tree that is built for the rays of its frame.
         """
-        if not (self.scene.animated or accelerated.partial or self._accelerator.plan.wants_rays):
+        if accelerated is None:
+            self._last = None
+        elif not (self.scene.animated or accelerated.partial or self._accelerator.plan.wants_rays):
             self._last = accelerated
 
     def box(self, triangles: Triangles) -> np.ndarray:

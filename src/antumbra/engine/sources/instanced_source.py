@@ -1,13 +1,14 @@
 """Scenes of instances: rays traverse the trees of meshes, and the triangles of copies are placed where rays meet them.
 
 The plan ``wide`` traces instances, with any builder and optimiser. So do devices, ray by ray, if the CPU builds the
-trees; all hits, and what a camera sees, are found on the CPU then. Other plans need all triangles at once, so an engine
-with such a plan flattens the scene.
+trees; the CPU finds all hits then, and what orthographic and panoramic cameras see. Other plans need all triangles at
+once, so an engine with such a plan flattens the scene.
 """
 
 import threading
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from functools import partial
 from itertools import groupby
 from typing import ClassVar, cast
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from ...base.forks import is_stuck, renew_after_fork
 from ...bvh.instance_trees import InstanceTrees
+from ...devices.device import OutOfDeviceMemory
 from ...query.closed_surfaces import closed_surfaces
 from ...query.gbuffer import from_hits
 from ...query.pixel_refinement import subpixel_rays
@@ -31,7 +33,7 @@ from ...query.ray_list import (
 )
 from ...query.ray_passes import RayPass, camera_pass, rays_through
 from ...query.shadow_query import Surfaces
-from ...scene.camera import ExplicitRays
+from ...scene.camera import CameraRays, ExplicitRays
 from ...scene.instance_data import InstanceData
 from ...scene.scene_bounds import flush_to_zero
 from ...scene.scene_data import SceneData
@@ -201,12 +203,22 @@ class Instanced:
         shape = rows.stop - rows.start, camera.width
         if camera.listed:
             return next(self.nearest([camera_pass(cast(ExplicitRays, camera.view(self.scene.origin)), rows)], shape))
-        rays, mask = camera.rays(self.scene.origin), np.zeros((camera.height, camera.width), np.bool_)
-        mask[rows] = True
-        hits = self._hits(rays_through(rays, mask, self.threads))
+        rays = camera.rays(self.scene.origin)
+        hits, device = self._hits_of_pixels(rays, rows)
         visible, face = self._visible(hits.face.reshape(shape))
         gbuffer = from_hits(face, hits.t.reshape(shape), visible, rays, self.threads, rows.start)
-        return Surfaces(gbuffer, visible, hits.face.reshape(shape), self.bounds)
+        return Surfaces(gbuffer, visible, hits.face.reshape(shape), self.bounds, device=device)
+
+    def _hits_of_pixels(self, rays: CameraRays, rows: slice) -> tuple[HitArrays, str | None]:
+        """The nearest hits of the pixels of some rows, and the device that found them: the plan's, if it has room."""
+        device = self._accelerator.plan.device
+        if device is not None:
+            there = self._on_device()
+            with suppress(OutOfDeviceMemory):
+                return there.tracer.trace_pixels(there.tree, rays, rows, self.threads), device
+        mask = np.zeros((rays.height, rays.width), np.bool_)
+        mask[rows] = True
+        return self._hits(rays_through(rays, mask, self.threads)), None
 
     def _hits(self, rays: RayPass) -> HitArrays:
         """The nearest hits of a pass. Rays of length 0, which stand for pixels without a ray, miss."""

@@ -314,6 +314,7 @@ class Paged:
         if device.in_host_memory:
             budget = min(budget, self.max_memory // 8)
         there, tracer = DeviceResidency(device, host, host.tree, len(store), budget), TiledTracer(device)
+        tracer.launches.evict = there.evict
         for each, state in self._ranges:
             memory = there if each.is_all else RangeMemory(there, each.chunks)
             state.on_device = OnDeviceParts(tracer, state.parts._replace(trees=there.trees[each.chunks], memory=memory))

@@ -134,7 +134,7 @@ class CameraView(NamedTuple):
 
     camera: Camera
     triangles: Triangles  # of `Geometry.moment`, or of `FixedTree.accelerated`
-    tree: Accelerated | None  # of all triangles; never None if `gbuffer` is "rays", or `camera.listed`
+    tree: Accelerated | None  # of all triangles; None: `gbuffer` is not "rays", or a device has no room
     rows: slice  # a band of the image; a source with `Geometry` always sees all rows
     progress: ProgressCallback | None = None  # of sources whose `looks` is 1
 
@@ -180,8 +180,8 @@ class Geometry(Protocol):
         """The triangles at a time in seconds, if few points are best traced as rays; None: by shadow queries."""
         ...
 
-    def keep(self, accelerated: Accelerated) -> None:
-        """Offer the tree of a frame's shadow rays for reuse in later frames."""
+    def keep(self, accelerated: Accelerated | None) -> None:
+        """Offer the tree of a frame's shadow rays for reuse in later frames. None: drop the tree of earlier frames."""
 
     def keep_for_points(self, accelerated: Accelerated) -> None:
         """Offer the tree of a point query for reuse in later ones."""

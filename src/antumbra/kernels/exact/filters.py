@@ -264,14 +264,21 @@ def has_area(corners, i):
 
 
 @inlined
-def side_of(v0, n, error, x, y, z, corners, i):
-    """`plane_side` from the `plane` (v0, n, error) of triangle i relative to (0, 0, 0)."""
+def quick_side(v0, n, error, x, y, z):
+    """`side_of` without exact arithmetic: 1, -1 or UNSURE."""
     f = np.float64
     a = (v0[0] - f(x), v0[1] - f(y), v0[2] - f(z))
     volume = -dot(a, n)
     if abs(volume) > error * max_magnitude(a):
         return 1 if volume > 0.0 else -1
-    return exact_plane_side(f(x), f(y), f(z), corners, i)
+    return UNSURE
+
+
+@inlined
+def side_of(v0, n, error, x, y, z, corners, i):
+    """`plane_side` from the `plane` (v0, n, error) of triangle i relative to (0, 0, 0)."""
+    side = quick_side(v0, n, error, x, y, z)
+    return exact_plane_side(np.float64(x), np.float64(y), np.float64(z), corners, i) if side == UNSURE else side
 
 
 @kernel

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...query.receivers import NOTHING
 from ...trace.counters import RAYS
-from ...trace.device.tree_list_tracer import TiledQuery, TiledTracer, TileLayout, TreeLists, set_bits
+from ...trace.device.tree_list_tracer import TiledTracer, TileLayout, TreeLists, set_bits
 from ..tracer_options import ChcRtOptions
 from .picture_ray_sets import SegmentRaySets, SegmentStep
 from .tree_parts import Lists, TreeParts
@@ -39,17 +39,15 @@ class DeviceSegmentSets(SegmentRaySets):
     ):
         super().__init__(there.parts, options, step, bits, *arguments)
         self._tracer = there.tracer
-        self._tiled: TiledQuery | None = None  # until its first segments are traced
         self._layout = TileLayout(self.tiles.pixels, self.tiles.across, self.segments.first, self.segments.n_samples)
+        # Uploaded at once: parts leave for it while none is being traced.
+        self._tiled = self._tracer.query(self.query, self._layout, self.threads)
 
     def block(self, lists: Lists, tiles: NDArray[np.int32]) -> NDArray[np.int32]:
-        threads, counters = self.threads, self.counters
-        if self._tiled is None:
-            self._tiled = self._tracer.query(self.query, self._layout, threads)
-            if counters is not None:
-                counters[RAYS] += np.count_nonzero(self.query.sides != NOTHING) * self._layout.count
+        if self._tiled.fresh and self.counters is not None:
+            self.counters[RAYS] += np.count_nonzero(self.query.sides != NOTHING) * self._layout.count
         rows, items = np.unique(lists.items, return_inverse=True)
         there = TreeLists(self.parts.trees[rows], lists.starts, items.astype(np.int32), self.sets)
-        words, blockers = self._tracer.trace_tiles(self._tiled, tiles, there, threads)
+        words, blockers = self._tracer.trace_tiles(self._tiled, tiles, there, self.threads)
         set_bits(self.bits, self._layout, tiles, words)
         return blockers

@@ -64,6 +64,7 @@ class DeviceResidency:
         self.traffic = DeviceTraffic(0, 0, 0, 0, 0, 0)
         self.used = 0
         self._parts: OrderedDict[int, PartTree] = OrderedDict()  # the next part to evict comes first
+        self._pinned: set[int] = set()  # those that are being traced
 
     def __contains__(self, k: int) -> bool:
         return k in self._parts
@@ -85,21 +86,37 @@ class DeviceResidency:
         here = np.array([k for k in parts.tolist() if k in self._parts], np.int64)
         missing = np.array([k for k in parts.tolist() if k not in self._parts], np.int32)
         self._count(wanted=len(parts), kept=len(here))
-        if len(here):
-            yield here
-            for k in here.tolist():
-                self._parts.move_to_end(k)
-        if len(missing):
-            with closing(self._host.groups(missing, still, mark)) as groups:
-                for group in groups:
-                    for first in range(0, len(group), _PORTION):
-                        portion = np.asarray(group[first : first + _PORTION], np.int64)
-                        yield from self._uploaded(portion[still(portion)])
+        try:
+            if len(here):
+                self._pinned = set(here.tolist())
+                yield here
+                for k in here.tolist():
+                    self._parts.move_to_end(k)
+            if len(missing):
+                with closing(self._host.groups(missing, still, mark)) as groups:
+                    for group in groups:
+                        for first in range(0, len(group), _PORTION):
+                            portion = np.asarray(group[first : first + _PORTION], np.int64)
+                            yield from self._uploaded(portion[still(portion)])
+        finally:
+            self._pinned = set()
 
     def trim(self) -> None:
         """Evict parts until the rest fit in the budget."""
-        while self._parts and self.used > self.budget:
-            self._evict(next(iter(self._parts)))
+        self.evict(self.used - self.budget)
+
+    def evict(self, size: int) -> bool:
+        """Evict the least recently used parts, except those that are being traced, until `size` bytes are free.
+
+        Returns whether any part was evicted.
+        """
+        left = size
+        for k in [each for each in self._parts if each not in self._pinned]:
+            if left <= 0:
+                break
+            left -= self._parts[k].bytes
+            self._evict(k)
+        return left < size
 
     def close(self) -> None:
         """Evict all parts."""
@@ -107,40 +124,45 @@ class DeviceResidency:
             self._evict(k)
 
     def _uploaded(self, portion: NDArray[np.int64]) -> Generator[NDArray[np.int64], None, None]:
-        """Upload parts, and yield them in groups that fit in the budget."""
+        """Upload parts, and yield them in groups that fit beside what else is on the device."""
         group: list[int] = []
         for k in portion.tolist():
-            bvh = bvh_of(compacted(self._tree_of(k)))
-            size = tree_bytes(bvh)
-            if group and size + sum(self._parts[each].bytes for each in group) > self.budget:
+            bvh, self._pinned = bvh_of(compacted(self._tree_of(k))), set(group)
+            tree = self._upload(bvh)
+            if tree is None:
                 yield np.array(group)
-                group = []
-            self._make_room(size, group)
-            self._add(k, self._upload(bvh, group))
+                group, self._pinned = [], set()
+                tree = self._upload(bvh)
+            assert tree is not None  # parts that are not being traced leave, or an error is raised
+            self._add(k, tree)
             group.append(k)
+        self._pinned = set(group)
         if group:
             yield np.array(group)
 
-    def _make_room(self, size: int, pinned: list[int]) -> None:
-        """Evict the least recently used parts until `size` bytes fit in the budget."""
+    def _upload(self, bvh: Bvh) -> PartTree | None:
+        """Upload a tree, for which the least recently used parts leave. None: those that are being traced must leave.
+
+        Others may have taken memory of the device, so that it has less than the budget.
+        """
+        size = tree_bytes(bvh)
         if size > self.budget:
             message = (
                 f"a part of the scene needs {readable_size(size)} of memory on {self.device}, and parts may take "
                 f"{readable_size(self.budget)} there; build the store with smaller chunks, or compute on the CPU"
             )
             raise OutOfDeviceMemory(message, size, self.budget)
-        while self.used + size > self.budget:
-            self._evict(next(each for each in self._parts if each not in pinned))
-
-    def _upload(self, bvh: Bvh, pinned: list[int]) -> PartTree:
-        """Upload a tree. If others have taken the device's memory, parts leave for it."""
-        while True:
+        self.evict(self.used + size - self.budget)
+        while self.used + size <= self.budget:
             try:
                 return part_tree(bvh, self.device)
-            except OutOfDeviceMemory:
-                if (oldest := next((each for each in self._parts if each not in pinned), None)) is None:
+            except OutOfDeviceMemory as full:
+                if self.evict(max(full.needed - full.left, 1)):  # 1: what is free may be in pieces
+                    continue
+                if not self._pinned:
                     raise
-                self._evict(oldest)
+                break
+        return None
 
     def _add(self, k: int, tree: PartTree) -> None:
         self._parts[k], self.trees[k] = tree, tree.row

@@ -370,9 +370,9 @@ def _groups(queries: Sequence[ShadowQuery], threads: int) -> list[QueryGroup]:
 
 def with_shared_receivers(queries: Sequence[ShadowQuery]) -> list[list[ShadowQuery]]:
     """The queries, in groups that share their receivers."""
-    groups: dict[tuple[int, int], list[ShadowQuery]] = {}
+    groups: dict[tuple[int, ...], list[ShadowQuery]] = {}
     for query in queries:
-        groups.setdefault((id(query.origins), id(query.sides)), []).append(query)
+        groups.setdefault(tuple(map(id, query.receivers)), []).append(query)
     return list(groups.values())
 
 

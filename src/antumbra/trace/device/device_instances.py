@@ -23,12 +23,15 @@ from ...kernels.parallel import items, new_ticket, run
 from ...kernels.simd import get, stack_f32, stack_f64, stack_i64
 from ...query.ray_list import HitArrays, RayArguments, hit_arrays
 from ...query.shadow_query import ShadowQuery
+from ...scene.camera import CameraRays
 from ..rays.instance_traversal import BEST, HIT_FLOATS, HIT_IDS, TESTED, InstanceHit, InstanceQuery, walk_instances
 from . import settling
 from .device_kernels import HitBuffers
 from .device_launches import DeviceLaunches
 from .device_rays import BLOCKED, CLEAR, TRACED
-from .device_tracer import CHUNK, Chunk, DeviceTracer, words_of
+from .device_stages import CHUNK, Chunk
+from .device_surfaces import parts_of, rays_of_pixels
+from .device_tracer import DeviceTracer, words_of
 from .device_traversal import TreeBuffers
 from .device_tree import device_triangles, reach_of_root
 from .instance_kernels import ForestBuffers, Part
@@ -157,6 +160,17 @@ class ForestTracer:
                     out.blocked[part] = np.unpackbits(self._tracer.bits(chunk, n), count=n, bitorder="little")
                 else:
                     self._find_nearest(forest, chunk, HitArrays(*(a[part] if len(a) else a for a in out)), threads)
+        return out
+
+    def trace_pixels(self, forest: DeviceForest, rays: CameraRays, rows: slice, threads: int) -> HitArrays:
+        """The nearest hits of the pixels of some rows of a perspective camera."""
+        start, out = rows.start * rays.width, hit_arrays((rows.stop - rows.start) * rays.width, False)
+        with self.lock:
+            for pixels in parts_of(rays, rows):
+                first, n = pixels.first - start, pixels.n
+                chunk = self._tracer.chunk_in(rays_of_pixels(pixels, self.launches), n, 0, False)
+                here = HitArrays(*(a[first : first + n] if len(a) else a for a in out))
+                self._find_nearest(forest, chunk, here, threads)
         return out
 
     def trace_shadow(

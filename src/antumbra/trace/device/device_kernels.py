@@ -270,6 +270,9 @@ class HitBuffers(NamedTuple):
     v: int  # float32
 
 
+HIT_BYTES = HitBuffers(4, 8, 4, 4)  # per hit
+
+
 @inlined
 def _numbers_of_hit(ray, corners):
     """(t, u, v) of a hit; t or u is UNKNOWN where double-double or float64 arithmetic is not accurate enough."""

@@ -1,118 +1,49 @@
-"""The tracer of devices: float32 on the device, float64 there for undecided tests, the exact predicate on the CPU.
+"""The tracer of devices: ray lists, shadow queries and camera rays, through trees that are built there or uploaded."""
 
-Rays are traced a chunk at a time. If the list of undecided tests fills up, the rays that found it full are traced
-again, fewer at a time; if that hardly gets on, the CPU traces them.
-"""
-
-import threading
 from collections.abc import Callable, Iterator
 from math import prod
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from ...base.forks import renew_after_fork
 from ...base.progress import ProgressCallback
 from ...bvh.nodes import Bvh
 from ...bvh.triangle_bounds import trivial_bvh
 from ...devices.arrays import DeviceArray
 from ...devices.device import Device, DeviceMemory
 from ...query.ray_list import HitArrays, RayArguments, RayArrays, hit_arrays
-from ...query.shadow_query import ShadowQuery
+from ...query.shadow_query import ResidentQuery, ShadowQuery
 from ...scene.lights import AMBIENT
 from ..alpha_cutouts import CutoutTree
 from . import settling
 from .build_kernels import Source
 from .device_cutouts import DeviceCutouts
-from .device_kernels import RECORD, HitBuffers
+from .device_kernels import HIT_BYTES, RECORD, HitBuffers
 from .device_launches import DeviceLaunches
-from .device_rays import AGAIN, BLOCKED, CLEAR, TRACED, RayBuffers, SampleBuffers, TileSegments, device_patch
-from .device_receivers import DeviceReceivers, ReceiverUploads
-from .device_traversal import COUNTS, PAIRS, PARTS, REST, VISITS, WON, Work
+from .device_rays import RayBuffers, SampleBuffers, device_patch
+from .device_receivers import DeviceReceivers, ReceiverUploads, needed_arrays
+from .device_stages import ANY, CAPACITIES, CHUNK, NEAREST, SAMPLES, SHAFTS, Capacities, Chunk, RayStages
+from .device_traversal import REST, Work
 from .device_tree import DeviceTree, UploadedTree
 from .ploc_build import PlocTree
 from .resident_rays import ResidentRays
-from .shaft_parts import parts_bytes, suits_shafts, tiles_of, whole_squares
+from .shaft_parts import suits_shafts, whole_squares
 from .tree_build import BuiltTree, LbvhTree, source_of
 
 BUILDERS: dict[str, Callable[[Source, DeviceLaunches], BuiltTree]] = {"lbvh": LbvhTree, "ploc": PlocTree}
 """Name of a builder -> the tree that it builds on a device."""
 
-CHUNK = 1 << 24
-"""Largest number of rays traced together."""
-
-
 _SUMS_AT_ONCE = 1 << 22
 """Largest number of segments whose depths are kept together, 16 bytes each."""
 
 
-class Capacities(NamedTuple):
-    """The sizes of a device's lists."""
-
-    pairs: int = 1 << 20  # undecided tests
-    records: int = 1 << 17  # tests for the CPU
-    least: int = 1 << 12  # if fewer rays get done at a time, the CPU traces the others
-
-
-CAPACITIES = Capacities()
-
-
-class _Kind(NamedTuple):
-    """The kernels of a kind of query, by name."""
-
-    trace: str
-    settle: str
-    record: str
-    any_hit: bool
-    by_shafts: bool = False  # `trace` serves only what is traced again
-
-
-_ANY = _Kind("trace_any", "settle_any", "record_rays", True)
-_SAMPLES = _Kind("trace_samples", "settle_samples", "record_samples", True)
-_SHAFTS = _SAMPLES._replace(by_shafts=True)
-_NEAREST = _Kind("trace_nearest", "settle_nearest", "record_rays", False)
-LISTED = _Kind("trace_listed", "settle_listed", "record_listed", True)
-"""Of `tree_list_tracer`."""
-
-
-class Chunk(NamedTuple):
-    """A chunk of rays that is being traced."""
-
-    kind: _Kind
-    rays: RayBuffers | SampleBuffers | TileSegments
-    work: Work
-    query: ShadowQuery | None  # for samples
-
-
-class DeviceTracer:
-    """Traces rays and shadow queries on a device, one call at a time. It may be shared by Python threads.
-
-    device : Device
-    capacities : Capacities
-        Small ones are for tests.
-
-    Attributes
-    ----------
-    lock : RLock
-        Held by every call.
-    undecided, on_cpu : int
-        The numbers of tests so far that float32 left to float64, and that float64 left to the CPU.
-    visits : int
-        The number of nodes so far that subgroups of shafts have visited.
-    """
+class DeviceTracer(RayStages):
+    """Builds trees, and traces rays and shadow queries through them, by the stages of `RayStages`."""
 
     def __init__(self, device: Device, capacities: Capacities = CAPACITIES) -> None:
-        self.device, self._capacities = device, capacities
-        self.launches = DeviceLaunches(device)
-        self.cutouts = DeviceCutouts(self.launches)
-        self.undecided = self.on_cpu = self.visits = 0
-        self._uploads = ReceiverUploads(device)
-        self.lock = threading.RLock()
-        renew_after_fork(self)
-
-    def _after_fork(self) -> None:
-        self.lock = threading.RLock()  # so that the error of a device in a child is raised
+        super().__init__(device, capacities)
+        self.cutouts, self._uploads = DeviceCutouts(self.launches), ReceiverUploads(self.launches)
 
     def tree(self, bvh: Bvh) -> UploadedTree:
         """A tree, uploaded.
@@ -164,9 +95,15 @@ class DeviceTracer:
             return moved if moved.cost() <= limit * moved.built_cost else None
 
     def receivers(self, query: ShadowQuery, threads: int) -> DeviceReceivers:
-        """The receivers of a query, uploaded to memory of their own: see `DeviceTree.receivers`."""
+        """The receivers of a query, there or uploaded to memory of their own: see `DeviceTree.receivers`."""
         with self.lock:
-            return self._uploads.new(query, threads)
+            surfaces = self._surfaces_of(query)
+            return self._uploads.new(query, threads) if surfaces is None else DeviceReceivers(query, surfaces.receivers)
+
+    def _surfaces_of(self, query: ShadowQuery) -> Any:
+        """The `device_surfaces.DeviceSurfaces` of a query's receivers on this device; None: they are elsewhere."""
+        here = isinstance(query, ResidentQuery) and query.there.device is self.device
+        return cast(ResidentQuery, query).there if here else None
 
     def move(self, tree: UploadedTree, bvh: Bvh, vertices: NDArray[np.float32]) -> None:
         """Move the triangles of a tree, see `UploadedTree.move`."""
@@ -238,9 +175,26 @@ class DeviceTracer:
         self, tree: DeviceTree, rays: RayBuffers, n: int, cull_faces: int, any_hit: bool, threads: int
     ) -> "Chunk":
         """Trace n rays of buffers on the device. Their states or slots are at `out` of the work."""
-        chunk = Chunk(_ANY if any_hit else _NEAREST, rays, self._work(0, n, cull_faces), None)
+        chunk = self.chunk_in(rays, n, cull_faces, any_hit)
         self._trace(tree, chunk, threads)
         return chunk
+
+    def chunk_in(self, rays: RayBuffers, n: int, cull_faces: int, any_hit: bool) -> "Chunk":
+        """A chunk of n rays of buffers; nothing is traced."""
+        return Chunk(ANY if any_hit else NEAREST, rays, self._work(0, n, cull_faces), None)
+
+    def nearest_hits(
+        self, tree: DeviceTree, rays: RayBuffers, n: int, cutouts: CutoutTree | None, threads: int
+    ) -> tuple[Work, HitBuffers]:
+        """The nearest hits of n rays of buffers, on the device until the next call; `lock` is held.
+
+        cutouts : as for `trace_rays`
+        """
+        chunk = self.traced(tree, rays, n, 0, False, threads)
+        sizes = zip(HitBuffers._fields, HIT_BYTES)
+        hits = HitBuffers(*(self.launches.block(name, size * n, "the hits").address for name, size in sizes))
+        self._report(tree, chunk, cutouts, hits, threads)
+        return chunk.work, hits
 
     def trace_shadow(
         self,
@@ -299,8 +253,7 @@ class DeviceTracer:
 
     def chunk_of(self, arrays: RayArrays, rays: RayArguments, any_hit: bool) -> Chunk:
         """A part of a ray list, sent to the device; nothing is traced."""
-        work = self._work(0, len(arrays.origins), rays.cull_faces)
-        return Chunk(_ANY if any_hit else _NEAREST, self._sent(arrays, rays), work, None)
+        return self.chunk_in(self._sent(arrays, rays), len(arrays.origins), rays.cull_faces, any_hit)
 
     def parts(
         self, query: ShadowQuery, at_once: int, threads: int, tree: DeviceTree | None = None, shafts: bool = False
@@ -309,22 +262,13 @@ class DeviceTracer:
 
         tree : one that may have been built for these receivers
         """
-        buffers, spp, receivers = self._sample_buffers(tree, query, threads), query.samples.shape[1], query.sides.size
+        buffers, spp, receivers = self._sample_buffers(tree, query, threads), query.samples.shape[1], query.n
         for first in range(0, receivers, at_once):
             n = min(at_once, receivers - first)
             work = self._work(first * spp, n * spp, query.cull_faces)
-            yield Chunk(_SHAFTS if shafts else _SAMPLES, buffers, work, query), slice(first, first + n)
+            yield Chunk(SHAFTS if shafts else SAMPLES, buffers, work, query), slice(first, first + n)
 
     # --- Uploads ------------------------------------------------------------------------------------------------------
-
-    def _work(self, first: int, n: int, cull_faces: int) -> Work:
-        sizes, block = self._capacities, self.launches.block
-        out = block("out", 4 * n, "the answers")
-        counts = block("counts", 4 * COUNTS, "counts")
-        pairs = block("pairs", 8 * sizes.pairs, "the list of undecided tests")
-        rest = block("rest", 8 * RECORD * sizes.records, "the list of tests for the CPU")
-        lists = pairs.address, sizes.pairs, rest.address, sizes.records
-        return Work(first, n, 0, out.address, counts.address, *lists, cull_faces)
 
     def _sent(self, arrays: RayArrays, rays: RayArguments) -> RayBuffers:
         (origins, ends), send = arrays.local(), self.launches.sent
@@ -358,143 +302,33 @@ class DeviceTracer:
         for kept in () if tree is None else tree.receivers:
             if kept.are_of(query):
                 return kept.memory.address, 0 if kept.normals is None else kept.normals.address
-        block = self.launches.block("receivers", 16 * query.sides.size, "the receivers")
+        block = self.launches.block("receivers", 16 * query.n, "the receivers")
         self._uploads.write(query, block, threads)
         return block.address, 0
 
     def _sample_buffers(self, tree: DeviceTree | None, query: ShadowQuery, threads: int) -> SampleBuffers:
-        send, p = self.launches.sent, query.light
-        own = query.ids is not query.faces and not np.array_equal(query.ids, query.faces)
-        faces = bool((query.faces >= 0).any())
-        receivers, normals = self._receivers_of(tree, query, threads)
-        if not normals and query.normals.size and (p.kind == AMBIENT or bool((query.faces < 0).any())):
-            normals = send("normals", np.ascontiguousarray(query.normals), "the receivers' normals")
         return SampleBuffers(
-            receivers,
-            send("ids", np.ascontiguousarray(query.ids), "the receivers") if own else 0,
-            normals,
-            self.launches.kept_triangles(query.corners) if faces else 0,
-            send("samples", query.samples, "the samples of a light"),
-            device_patch(p),
-            query.sides.shape[1],
+            *self._receiver_buffers(tree, query, threads),
+            self.launches.sent("samples", query.samples, "the samples of a light"),
+            device_patch(query.light),
+            query.shape[1],
             query.samples.shape[1],
         )
 
-    # --- Stages -------------------------------------------------------------------------------------------------------
-
-    def _read(self, name: str, shape: tuple[int, ...], dtype: type) -> NDArray[Any]:
-        return self.launches.block(name, 0, "").read(np.empty(shape, dtype))
-
-    def _counts(self) -> NDArray[np.int32]:
-        return self._read("counts", (COUNTS,), np.int32)
-
-    def _trace(self, tree: DeviceTree, chunk: Chunk, threads: int) -> None:
-        """Trace a chunk of rays and decide all their tests. Their states or slots stay on the device."""
-        waiting = self._round(tree, chunk, None, threads)
-        at_once = 2 * (chunk.work.n - len(waiting))
-        while len(waiting):
-            if at_once < self._capacities.least:
-                self._trace_on_cpu(tree, chunk, waiting, threads)
-                return
-            now, later = waiting[:at_once], waiting[at_once:]
-            full = self._round(tree, chunk, now, threads)
-            at_once, waiting = 2 * (len(now) - len(full)), np.concatenate([full, later])
-
-    def _round(
-        self, tree: DeviceTree, chunk: Chunk, which: NDArray[np.int32] | None, threads: int
-    ) -> NDArray[np.int32]:
-        """Trace some rays of a chunk, or all, and decide their tests. Return those that found the list full."""
-        work, counts, n = chunk.work, self.launches.block("counts", 0, ""), chunk.work.n
-        if which is not None:
-            n = len(which)
-            work = work._replace(which=self.launches.sent("which", which, "the rays"), n=n)
-        counts.fill()
-        if which is None and chunk.query is not None and chunk.kind.by_shafts:
-            self._launch_shafts(tree, chunk, chunk.query)
-        else:
-            self.launches.launch(chunk.kind.trace, (tree.buffers, chunk.rays, work), n)
-        pairs = int(self._counts()[PAIRS])
-        self.undecided += min(pairs, work.capacity)
-        self._settle(tree, chunk, min(pairs, work.capacity), threads)
-        if pairs <= work.capacity:
-            return np.empty(0, np.int32)
-        states = self._read("out", (chunk.work.n,), np.int32)
-        return np.flatnonzero(states == AGAIN).astype(np.int32) if which is None else which[states[which] == AGAIN]
-
-    def _launch_shafts(self, tree: DeviceTree, chunk: Chunk, query: ShadowQuery) -> None:
-        """Trace a chunk by shafts, once the parts of its tiles are listed."""
-        work, spp = chunk.work, query.samples.shape[1]
-        tiles = tiles_of(query, work.first // spp, work.n // spp)
-        parts = self.launches.block("parts", parts_bytes(tiles), "the parts of tiles")
-        tiles = tiles._replace(parts=parts.address)
-        self.launches.launch("find_parts", (chunk.rays, work, tiles), tiles.n)
-        tiles = tiles._replace(n=tiles.n + int(self._counts()[PARTS]))
-        self.launches.block("out", 0, "").fill(size=4 * work.n)  # CLEAR, also where there is no receiver
-        self.launches.launch("trace_shafts", (tree.buffers, chunk.rays, work, tiles), tiles.n * spp)
-        self.visits += int(self._counts()[VISITS])
-
-    def _settle(self, tree: DeviceTree, chunk: Chunk, pairs: int, threads: int) -> None:
-        """Decide the listed tests: in float64 on the device, and what is left on the CPU."""
-        work, counts, begin, at_once = chunk.work, self.launches.block("counts", 0, ""), 0, pairs
-        while begin < pairs:
-            n = min(at_once, pairs - begin)
-            counts.fill()
-            self.launches.launch(chunk.kind.settle, (tree.buffers, chunk.rays, work, begin, n), n)
-            counted = self._counts()
-            left = int(counted[REST])
-            if left > work.rest_capacity:
-                at_once = work.rest_capacity
-                continue
-            if counted[WON]:
-                continue
-            self.on_cpu += left
-            if left:
-                self._decide(tree, chunk, self._read("rest", (left, RECORD), np.float64), threads)
-            begin += n
-
-    def _decide(self, tree: DeviceTree, chunk: Chunk, records: settling.Records, threads: int) -> None:
-        """Decide tests on the CPU, and send the answers."""
-        work = chunk.work
-        if chunk.kind.any_hit:
-            rays = settling.blocked_rays(records, tree.bvh, work.cull_faces, chunk.query, work.first, threads)
-            self._mark(rays, np.full(len(rays), BLOCKED, np.int32))
-        else:
-            self._mark(*settling.nearest_slots(records, tree.bvh, work.cull_faces))
-
-    def _mark(self, rays: NDArray[np.int32], values: NDArray[np.int32]) -> None:
-        """Write the states of some rays, or the slots of their hits."""
-        self.launches.mark(self.launches.block("out", 0, "").address, rays, values)
-
-    def _trace_on_cpu(self, tree: DeviceTree, chunk: Chunk, rays: NDArray[np.int32], threads: int) -> None:
-        """Trace rays whose undecided tests do not fit the list."""
-        work = chunk.work._replace(which=self.launches.sent("which", rays, "the rays"))
-        for begin in range(0, len(rays), work.rest_capacity):
-            n = min(work.rest_capacity, len(rays) - begin)
-            self.launches.launch(chunk.kind.record, (chunk.rays, work, begin, n), n)
-            records = self._read("rest", (n, RECORD), np.float64)
-            self._mark(rays[begin : begin + n], self._answers(tree, chunk, records, threads))
-
-    def _answers(self, tree: DeviceTree, chunk: Chunk, records: settling.Records, threads: int) -> NDArray[np.int32]:
-        """The states of recorded rays, or the slots of their nearest hits, by the CPU's walk."""
-        work, any_hit = chunk.work, chunk.kind.any_hit
-        slots = settling.traced_rays(records, tree.bvh, work.cull_faces, any_hit, threads)
-        if not any_hit:
-            return slots
-        states = settling.heads_of(records)[:, settling.STATE]
-        blocked = (states == BLOCKED) | ((states == TRACED) & (slots >= 0))
-        if chunk.query is not None:
-            numbers = work.first + settling.heads_of(records)[:, settling.RAY].astype(np.int64)
-            blocked |= settling.below_horizon(numbers, chunk.query, threads)
-        return np.where(blocked, BLOCKED, CLEAR).astype(np.int32)
+    def _receiver_buffers(self, tree: DeviceTree | None, query: ShadowQuery, threads: int) -> tuple[int, int, int, int]:
+        """The addresses of receivers, of their ids, normals and corners, as in `SampleBuffers`."""
+        send, surfaces = self.launches.sent, self._surfaces_of(query)
+        if surfaces is not None:
+            normals = surfaces.wide_normals() if query.light.kind == AMBIENT else 0
+            return surfaces.receivers.address, 0, normals, self.launches.address_of(surfaces.triangles)
+        needed = needed_arrays(query)
+        receivers, normals = self._receivers_of(tree, query, threads)
+        if needed.normals and not normals:
+            normals = send("normals", np.ascontiguousarray(query.normals), "the receivers' normals")
+        ids = send("ids", np.ascontiguousarray(query.ids), "the receivers") if needed.ids else 0
+        return receivers, ids, normals, self.launches.kept_triangles(query.corners) if needed.corners else 0
 
     # --- Reports ------------------------------------------------------------------------------------------------------
-
-    def bits(self, chunk: Chunk, n: int) -> NDArray[np.uint8]:
-        """Bits of n segments of a chunk, whether each is blocked; in bytes, the first bit of a byte first."""
-        words = -(-n // 32)
-        out = self.launches.block("words", 4 * words, "the bits of the answers").address
-        self.launches.launch("pack_states", (chunk.work.out, n, out, words), words)
-        return self._read("words", (words,), np.int32).view(np.uint8)
 
     def _block(self, chunk: Chunk, cutouts: CutoutTree | None, threads: int) -> None:
         """Mark the rays of a traced chunk that cut-outs block."""
@@ -537,7 +371,8 @@ class DeviceTracer:
                 continue
             if left:
                 records = self._read("rest", (left, RECORD), np.float64)
-                numbers = settling.heads_of(records)[:, settling.RAY], *settling.numbers_of(records, tree.bvh, threads)
+                few = tree.some(settling.renumber(records))
+                numbers = settling.heads_of(records)[:, settling.RAY], *settling.numbers_of(records, few, threads)
                 sent = [
                     self.launches.sent(f"number {i}", np.ascontiguousarray(each), "the CPU's answers")
                     for i, each in enumerate(numbers)

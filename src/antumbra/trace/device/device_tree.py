@@ -100,6 +100,13 @@ class DeviceTree:
             self._bvh = bvh_of_device(nodes, words)
         return self._bvh
 
+    def some(self, slots: NDArray[np.int32]) -> Bvh:
+        """The triangles in some slots, without nodes: for decisions about them on the CPU."""
+        nodes = aligned_empty((1, 16), "f4")
+        if self._bvh is not None:
+            return Bvh(nodes, nodes.view(np.int32), self._bvh.prim_ids[slots], self._bvh.corners[slots])
+        return bvh_of_device(nodes, self.launches.rows_at(self.triangles.address, slots, TRIANGLE // 3))
+
 
 class UploadedTree(DeviceTree):
     """A tree that the CPU has built."""

@@ -29,27 +29,34 @@ from ...devices.device import Device, DeviceError
 from ...devices.device_list import open_device
 from ...kernels.toolchain.device_code import Form
 from ...kernels.toolchain.kernel_cache import cache_root
+from ...query.gbuffer import from_hits
 from ...query.light_samples import light_samples
 from ...query.ray_list import HitArrays, RayArguments, hit_arrays, segments_between
+from ...query.ray_passes import rays_through
 from ...query.receivers import FREE, surface_receivers
 from ...query.shadow_query import ShadowQuery, new_bits, with_receivers
 from ...scene.alpha_masks import AlphaMask, cutouts_of
+from ...scene.camera import Camera
 from ...scene.instance_data import InstanceData
 from ...scene.instances import InstancedMeshes
 from ...scene.lights import Light, QuadLight, SphereLight
 from ...scene.materials import CLAMP, MIRROR, REPEAT
 from ...scene.mesh import Mesh
 from ...scene.triangle_setup import survey
+from ...scene.triangles import Triangles
 from ..alpha_cutouts import CutoutTree, add_hits, add_shadows, tree_of_cutouts
 from ..rays.instance_batches import trace_list
 from ..rays.instance_rays import InstanceForest
 from ..rays.ray_batches import RayTracer
+from ..rays.ray_hits import nearest_hits
 from ..rays.single_rays import as_built, trace_shadow
 from ..transmission import shares_of
 from .device_instances import ForestTracer
 from .device_kernels import KERNELS
 from .device_launches import DeviceLaunches
-from .device_tracer import BUILDERS, CAPACITIES, Capacities, DeviceTracer
+from .device_stages import CAPACITIES, Capacities
+from .device_surfaces import see_surfaces
+from .device_tracer import BUILDERS, DeviceTracer
 from .part_trees import part_tree
 from .resident_vertices import ResidentVertices
 from .tree_build import source_of
@@ -315,6 +322,26 @@ def _compared_vertices(device: Device) -> Iterator[Comparison]:
     yield from ((framed.fetch(), expected), (framed.with_area, with_area), (framed.bounds, bounds))
 
 
+def _compared_surfaces(device: Device) -> Iterator[Comparison]:
+    """The surfaces that a camera sees, and the receivers on them."""
+    cases, shape = _cases(), (48, 64)
+    numbers = np.arange(len(cases.vertices), dtype=np.int32)
+    triangles = Triangles(cases.vertices, np.zeros(3), numbers, np.ones((len(numbers), 3), np.float32))
+    rays = Camera((1, 1, 7), (0, -3, 0), width=shape[1], height=shape[0]).rays(triangles.origin)
+    face, t = nearest_hits(cases.bvh, *rays_through(rays, np.ones(shape, np.bool_), 1), 1)
+    seen = from_hits(face.reshape(shape), t.reshape(shape), triangles, rays, 1)
+    flat = seen.position.reshape(-1, 3), seen.normal.reshape(-1, 3), face, seen.side.reshape(-1)
+    origins = surface_receivers(*flat, cases.vertices.reshape(-1, 9), 1).reshape(*shape, 3)
+    for capacities in _CAPACITIES:
+        tracer = DeviceTracer(device, capacities)
+        found = see_surfaces(tracer, tracer.tree(cases.bvh), triangles, rays, None, 1)
+        yield from ((getattr(found, name), getattr(seen, name)) for name in ("position", "normal", "depth", "side"))
+        yield from ((found.face, seen.face), (found.origins, origins))
+        found.wide_normals()
+        normals = tracer.launches.block("normals", 0, "").read(np.empty((*shape, 3)))
+        yield normals, seen.normal.astype(np.float64)
+
+
 def _masked() -> tuple[Bvh, CutoutTree]:
     """(solid triangles, cut-outs) of the scene: half of the faces have holes, or are coloured panes."""
     rng, vertices = np.random.default_rng(58), _cases().vertices
@@ -422,6 +449,7 @@ def _compared_lists(device: Device) -> Iterator[Comparison]:
 COMPARISONS: list[Callable[[Device], Iterator[Comparison]]] = [
     _compared_trees,
     _compared_vertices,
+    _compared_surfaces,
     _compared_cutouts,
     _compared_instances,
     _compared_lists,

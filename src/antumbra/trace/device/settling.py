@@ -12,7 +12,7 @@ from ...kernels.exact.predicate import Ray
 from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import items, new_ticket, run
 from ...kernels.simd import get, ptr, ptr_at
-from ...query.shadow_query import ShadowQuery, horizon_of, is_above, patch_of, query_pointers, sample_of
+from ...query.shadow_query import ResidentQuery, ShadowQuery, horizon_of, is_above, patch_of, query_pointers, sample_of
 from ..rays.ray_traversal import BUILT, CLOSEST, walk
 from .device_kernels import RECORD
 
@@ -27,6 +27,15 @@ Records = NDArray[np.float64]
 def heads_of(records: Records) -> NDArray[np.int32]:
     """(m, 4) int32: the words RAY, SLOT and BEST of each record, and an unused one."""
     return records.view(np.int32)[:, :4]
+
+
+def renumber(records: Records) -> NDArray[np.int32]:
+    """The slots in records of tests, ascending, each once; the records then hold indices in this list, or -1."""
+    heads = heads_of(records)[:, SLOT : BEST + 1]
+    slots, places = np.unique(heads, return_inverse=True)
+    none = int(np.searchsorted(slots, 0))
+    heads[...] = places.reshape(heads.shape) - none
+    return slots[none:]
 
 
 @inlined
@@ -173,6 +182,8 @@ def _decide_horizons(ticket, rays, query, below):
 
 def below_horizon(rays: NDArray[np.int64], query: ShadowQuery, threads: int) -> NDArray[np.bool_]:
     """(m,) bool: whether the receivers' own surfaces block some segments of a query, by their numbers."""
+    if isinstance(query, ResidentQuery):
+        query = query.with_corners_of(rays // query.samples.shape[1])
     below = np.empty(len(rays), np.bool_)
     run(_decide_horizons, threads, new_ticket(len(rays), _CHUNK), rays, query, below)
     return below

@@ -56,7 +56,7 @@ def suits_shafts(reach: Reach, query: ShadowQuery) -> bool:
 
 def tiles_of(query: ShadowQuery, first: int, receivers: int) -> ShaftTiles:
     """The tiles of some receivers of a query, from the `first` on, without the memory of their parts."""
-    h, w = query.sides.shape
+    h, w = query.shape
     light = float(_LIGHT * sample_extents(query)[1]) if query.light.kind == FIXED else 0.0
     if h == 1:
         return ShaftTiles(0, -(-receivers // 16), 0, first, receivers, light)
@@ -71,7 +71,7 @@ def parts_bytes(tiles: ShaftTiles) -> int:
 
 def whole_squares(receivers: int, query: ShadowQuery) -> int:
     """At most this number of receivers, such that chunks of them end between squares of tiles, if that is possible."""
-    h, w = query.sides.shape
+    h, w = query.shape
     unit = 16 if h == 1 else _SIDE * w
     return max(receivers // unit * unit, 1) if receivers >= unit else receivers
 

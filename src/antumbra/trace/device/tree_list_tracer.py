@@ -1,6 +1,6 @@
 """Traces the segments of screen tiles on a device through the trees that each tile lists, as in a `TreeList`.
 
-The stages are those of `DeviceTracer`. The CPU decides single tests by the corners in their records. A segment whose
+The stages are those of `RayStages`. The CPU decides single tests by the corners in their records. A segment whose
 undecided tests do not fit the list is traced by the CPU through all trees of the lists, which it fetches from the
 device: more trees than a segment needs change no answer.
 """
@@ -11,10 +11,10 @@ from weakref import ref
 import numpy as np
 from numpy.typing import NDArray
 
-from ...devices.device import DeviceMemory
+from ...devices.device import Device, DeviceMemory
 from ...query.shadow_query import ShadowQuery
-from ...scene.lights import AMBIENT
 from . import settling
+from .device_launches import DeviceLaunches
 from .device_rays import (
     BLOCKED,
     CLEAR,
@@ -26,8 +26,8 @@ from .device_rays import (
     place_in_tiles,
     words_per_receiver,
 )
-from .device_receivers import DeviceReceivers
-from .device_tracer import CHUNK, LISTED, Chunk, DeviceTracer
+from .device_receivers import DeviceReceivers, ReceiverUploads, needed_arrays
+from .device_stages import CAPACITIES, CHUNK, LISTED, Capacities, Chunk, RayStages
 from .device_traversal import Work
 from .device_tree import DeviceTree
 from .part_trees import part_bvh
@@ -48,13 +48,12 @@ class TileLayout(NamedTuple):
 class _SharedInputs:
     """What the queries of the same receivers share on a device."""
 
-    def __init__(self, query: ShadowQuery, receivers: DeviceReceivers) -> None:
-        device, self.receivers, self._arrays = receivers.memory.device, receivers, (query.ids, query.corners)
-        own = query.ids is not query.faces and not np.array_equal(query.ids, query.faces)
-        faces = bool((query.faces >= 0).any())
-        self.ids = device.upload(np.ascontiguousarray(query.ids), "the receivers") if own else None
+    def __init__(self, query: ShadowQuery, receivers: DeviceReceivers, launches: DeviceLaunches) -> None:
+        self.receivers, self.launches, self._arrays = receivers, launches, (query.ids, query.corners)
+        needed, send = needed_arrays(query), launches.upload
+        self.ids = send(np.ascontiguousarray(query.ids), "the receivers") if needed.ids else None
         corners = np.ascontiguousarray(query.corners)
-        self.corners = device.upload(corners, "the triangles of the receivers") if faces else None
+        self.corners = send(corners, "the triangles of the receivers") if needed.corners else None
 
     def serve(self, query: ShadowQuery) -> bool:
         """Whether they are those of a query."""
@@ -72,21 +71,31 @@ class TiledQuery:
     """
 
     def __init__(self, query: ShadowQuery, layout: TileLayout, inputs: _SharedInputs) -> None:
-        device, kept = inputs.receivers.memory.device, inputs.receivers
+        launches, kept = inputs.launches, inputs.receivers
         (h, w), spp = query.sides.shape, query.samples.shape[1]
         self.query, self.layout, self.fresh, self._inputs = query, layout, True, inputs
         self.rows = min(layout.pixels, h)
         normals = kept.normals
-        if normals is None and query.normals.size and query.light.kind == AMBIENT:
-            normals = device.upload(np.ascontiguousarray(query.normals), "the receivers' normals")
-        samples = device.upload(np.ascontiguousarray(query.samples), "the samples of a light")
-        self._blocked = device.allocate(4 * h * w * -(-layout.count // 32), "the bits of the answers")
+        if normals is None and needed_arrays(query).normals:
+            normals = launches.upload(np.ascontiguousarray(query.normals), "the receivers' normals")
+        samples = launches.upload(np.ascontiguousarray(query.samples), "the samples of a light")
+        self._blocked = launches.allocate(4 * h * w * -(-layout.count // 32), "the bits of the answers")
         self._blocked.fill()
         self._memory = normals, samples  # freed with this query
         self._buffers = SampleBuffers(
             kept.memory.address, _address(inputs.ids), _address(normals), _address(inputs.corners), samples.address,
             device_patch(query.light), w, spp,
         )  # fmt: skip
+
+    @property
+    def per_row(self) -> int:
+        """The number of segments in a row of pixels of a tile."""
+        return self.layout.pixels * self.layout.count
+
+    @property
+    def rows_at_once(self) -> int:
+        """The number of rows of pixels that are traced together."""
+        return max(CHUNK // self.per_row, 1)
 
     def segments(self, tiles: int) -> TileSegments:
         """The segments of tiles; tiles: the address of their numbers, int32."""
@@ -137,13 +146,18 @@ class _SentLists(NamedTuple):
     tiles: NDArray[np.int32]  # (n,): the tiles that are traced
 
 
-class TiledTracer(DeviceTracer):
-    """Traces the segments of screen tiles through lists of trees; see `DeviceTracer`, with whose budget it works."""
+class TiledTracer(RayStages):
+    """Traces the segments of screen tiles through lists of trees, by the stages of `RayStages`."""
 
-    _latest: "ref[_SharedInputs] | None" = None
+    def __init__(self, device: Device, capacities: Capacities = CAPACITIES) -> None:
+        super().__init__(device, capacities)
+        self._uploads = ReceiverUploads(self.launches)
+        self._latest: ref[_SharedInputs] | None = None
 
     def query(self, query: ShadowQuery, layout: TileLayout, threads: int) -> TiledQuery:
         """A query, uploaded. Receivers are uploaded once for all queries that have the same arrays and are alive.
+
+        Memory for its answers is reserved, too, so that `trace_tiles` needs hardly any more.
 
         Raises
         ------
@@ -153,9 +167,13 @@ class TiledTracer(DeviceTracer):
         with self.lock:
             inputs = None if self._latest is None else self._latest()
             if inputs is None or not inputs.serve(query):
-                inputs = _SharedInputs(query, self.receivers(query, threads))
+                inputs = _SharedInputs(query, self._uploads.new(query, threads), self.launches)
                 self._latest = ref(inputs)
-            return TiledQuery(query, layout, inputs)
+            tiled, (h, _) = TiledQuery(query, layout, inputs), query.sides.shape
+            rows = min(tiled.rows * layout.across * -(-h // layout.pixels), tiled.rows_at_once)
+            self._work(0, rows * tiled.per_row, 0)
+            self._words(rows, tiled)
+            return tiled
 
     def trace_tiles(
         self, tiled: TiledQuery, tiles: NDArray[np.int32], lists: TreeLists, threads: int
@@ -171,8 +189,8 @@ class TiledTracer(DeviceTracer):
         blockers : (m,) int32
             1 for the items of the lists whose trees block a segment, or were left to exact tests.
         """
-        row, send = tiled.layout.pixels * tiled.layout.count, self.launches.sent
-        rows, at_once = len(tiles) * tiled.rows, max(CHUNK // row, 1)
+        row, at_once, send = tiled.per_row, tiled.rows_at_once, self.launches.sent
+        rows = len(tiles) * tiled.rows
         with self.lock:
             segments = tiled.segments(send("tiles", tiles, "the lists of tiles"))
             per_receiver = words_per_receiver(segments)
@@ -185,12 +203,17 @@ class TiledTracer(DeviceTracer):
                 work = self._work(first * row, n * row, tiled.query.cull_faces)
                 self._trace(cast(DeviceTree, sent), Chunk(LISTED, segments, work, tiled.query), threads)
                 here = words[first : first + n]
-                out = self.launches.block("words", here.nbytes, "the bits of the answers")
+                out = self._words(n, tiled)
                 self.launches.launch("pack_listed", (segments, work, out.address, here.size), here.size)
                 out.read(here)
             tiled.fresh = False
             found = blockers.read(np.empty(len(lists.items), np.int32))
         return words.reshape(len(tiles), tiled.rows, tiled.layout.pixels, per_receiver), found
+
+    def _words(self, rows: int, tiled: TiledQuery) -> DeviceMemory:
+        """The block for the bits of some rows of pixels."""
+        words = rows * tiled.layout.pixels * -(-tiled.layout.count // 32)
+        return self.launches.block("words", 4 * words, "the bits of the answers")
 
     def _sent_lists(self, lists: TreeLists, blockers: int) -> TreeListBuffers:
         send, what = self.launches.sent, "the lists of tiles"
