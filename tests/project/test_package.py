@@ -10,6 +10,7 @@ import sys
 import tarfile
 import tomllib
 import zipfile
+from functools import cache
 
 import pytest
 
@@ -223,6 +224,7 @@ def test_papers_of_the_registries_are_in_the_bibliography():
 _PLACE = re.compile(r"`((?:\w+/)*\w+\.(?:py|md|bib|json|toml))(?:: ([^`]+))?`")
 
 
+@cache
 def _defined(path) -> set[str]:
     """Names of functions, classes, their members, and constants, anywhere in a file."""
     found = set()
