@@ -1,5 +1,6 @@
 """Settings of all tests. Kernels of all tests are compiled before the first test."""
 
+import gc
 import os
 import signal
 
@@ -20,6 +21,11 @@ add_plugins()  # so that registries are the same in all tests, and the recorded 
 
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # as shells start background jobs; commands would inherit it
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_collection_finish():
+    """Let no garbage collection visit what was collected, a million objects, again: all of it lives until the end."""
+    gc.freeze()
 
 
 def pytest_runtest_setup(item):

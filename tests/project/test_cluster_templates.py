@@ -13,6 +13,10 @@ import antumbra as at
 
 TEMPLATES = Path(__file__).resolve().parents[2] / "examples" / "cluster"
 JOB = ("render", "procedural:atrium?triangles=2000", "--size", "48x70", "--spp", "4", "-o", "a b.png")
+ANTUMBRA = f"""#!/usr/bin/env bash
+# This antumbra, whose kernels are compiled, so that it only tells that it was to be warmed up.
+[ "$1" = warmup ] && echo "$@" >>warmup.log || exec "{sys.executable}" -m antumbra "$@"
+"""
 SBATCH = """#!/usr/bin/env bash
 # A scheduler that runs each job at once: it understands the options of the template, and refuses others.
 set -euo pipefail
@@ -47,7 +51,7 @@ def shell(tmp_path):
     """Runs words in a folder where ``antumbra`` is this one; returns the folder."""
     programs = tmp_path / "bin"
     programs.mkdir()
-    put(programs / "antumbra", f'#!/usr/bin/env bash\nexec "{sys.executable}" -m antumbra "$@"\n')
+    put(programs / "antumbra", ANTUMBRA)
     put(programs / "sbatch", SBATCH)
     folder = tmp_path / "it's a folder"
     folder.mkdir()
@@ -79,6 +83,7 @@ def test_slurm(shell, picture):
     shell(TEMPLATES / "slurm.sh", "3", "a b.shards", *JOB)
     assert (shell.folder / "a b.png").read_bytes() == picture
     assert (shell.folder / "sbatch.log").read_text().splitlines() == ["0-2|", "|antumbra merge a\\ b.shards"]
+    assert (shell.folder / "warmup.log").read_text() == "warmup --quiet\n"
     assert "usage" in shell(TEMPLATES / "slurm.sh", code=2).stderr
 
 

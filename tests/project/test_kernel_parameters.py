@@ -3,7 +3,7 @@
 import ast
 import re
 from collections import Counter
-from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 from repository import ROOT
@@ -53,14 +53,17 @@ UNDESCRIBED = counts("""
 """Module -> kernels of which a parameter has neither an annotation, nor is it named in the docstring or a comment."""
 
 
-def functions() -> Iterator[tuple[Path, ast.FunctionDef, set[str]]]:
+@cache
+def functions() -> list[tuple[Path, ast.FunctionDef, set[str]]]:
     """The functions that kernels are made of, with their decorators."""
+    found = []
     for path in sorted((ROOT / "src" / "antumbra").rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.FunctionDef):
                 kinds = KINDS & {each.id for each in node.decorator_list if isinstance(each, ast.Name)}
                 if kinds:
-                    yield path, node, kinds
+                    found.append((path, node, kinds))
+    return found
 
 
 def undescribed(function: ast.FunctionDef, lines: list[str]) -> list[str]:

@@ -10,6 +10,7 @@ import sys
 import tarfile
 import tomllib
 import zipfile
+from functools import cache
 
 import pytest
 
@@ -223,6 +224,7 @@ def test_papers_of_the_registries_are_in_the_bibliography():
 _PLACE = re.compile(r"`((?:\w+/)*\w+\.(?:py|md|bib|json|toml))(?:: ([^`]+))?`")
 
 
+@cache
 def _defined(path) -> set[str]:
     """Names of functions, classes, their members, and constants, anywhere in a file."""
     found = set()
@@ -282,7 +284,7 @@ def test_wheel_is_pure_and_holds_the_package_only(built):
         package / "lab/papers/needs.json",
         *package.glob("lab/papers/*/README.md"),
     ]
-    data += [package / "py.typed", *package.glob("web/*/*.*")]
+    data += [package / "py.typed", *(path for path in package.glob("web/*/*.*") if path.suffix != ".pyc")]
     data += [path for path in (package / "examples").iterdir() if path.suffix not in (".py", "")]
     assert inside == {path.relative_to(ROOT / "src").as_posix() for path in (*SOURCES, *data)}
 

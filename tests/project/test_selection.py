@@ -100,19 +100,36 @@ def test_b(what):
 def test_c():
     import nosuchpackage
 """
+WITHOUT_THE_PACKAGE = """
+import pytest
+
+pytest.importorskip("nosuchpackage")
+
+def test_d():
+    pass
+
+@pytest.mark.slow
+def test_e():
+    pass
+"""
 
 
 def test_a_run_says_what_to_do(tmp_path):
     (tmp_path / "test_some.py").write_text(TESTS)
-    (tmp_path / "pytest.ini").write_text("[pytest]\n")
+    (tmp_path / "test_other.py").write_text(WITHOUT_THE_PACKAGE)
+    (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers = slow\n")
     command = [sys.executable, "-m", "pytest", "-p", "missing_packages", "-p", "selection", "-p", "outcomes"]
     env = {**os.environ, "PYTHONPATH": str(ROOT / "tests" / "support")}
 
     def out(*options: str) -> str:
         return subprocess.run([*command, *options], cwd=tmp_path, env=env, capture_output=True, text=True).stdout
 
-    first, second = out(), out("--skipped")
-    assert "1 failed, 1 passed, 1 skipped" in first, first
+    first = out("-m", "not slow")
+    assert "1 failed, 1 passed, 2 skipped" in first, first
     assert "    1  needs nosuchpackage, which is not installed" in first
     assert "pytest -n 0 -m '' 'test_some.py::test_b[b c]'" in first
-    assert "1 skipped, 2 deselected" in second, second
+    second = out("--skipped")
+    assert "2 skipped, 2 deselected" in second, second
+    (tmp_path / "nosuchpackage.py").touch()
+    third = out("--skipped")
+    assert "2 passed, 3 deselected" in third, third

@@ -1,7 +1,7 @@
 """Tests are where one looks for them: a file is named after a module, in the folder of the same name."""
 
 import ast
-from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 from repository import ROOT
@@ -79,6 +79,7 @@ THROUGH = {
 UNNAMED = {module: reason for reason, names in THROUGH.items() for module in names.split()}
 
 
+@cache
 def modules() -> set[str]:
     """The modules and folders of the package, as paths without a suffix."""
     paths = [path for path in SOURCES.rglob("*") if path.suffix == ".py" or path.is_dir()]
@@ -109,18 +110,21 @@ def test_folders_across_the_package_are_those_with_a_reason():
     assert not ACROSS.keys() & {path.name for path in SOURCES.iterdir()} - {"benchmarks"}
 
 
-def imported(tree: ast.AST) -> Iterator[str]:
-    """The modules of the package that a file imports, as paths."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("antumbra"):
-            module = node.module.removeprefix("antumbra").strip(".").replace(".", "/")
-            yield module
-            yield from (f"{module}/{alias.name}".lstrip("/") for alias in node.names)
+@cache
+def imports_of_tests() -> list[tuple[Path, str, list[ast.alias]]]:
+    """(file, module of the package as a path, names) of each import from the package in the tests."""
+    found = []
+    for path in TESTS.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("antumbra"):
+                module = node.module.removeprefix("antumbra").strip(".").replace(".", "/")
+                found.append((path.relative_to(TESTS), module, node.names))
+    return found
 
 
 def test_each_module_is_imported_by_a_test_or_has_a_reason():
-    tests = [path for path in TESTS.rglob("*.py") if "data" not in path.parts]
-    named = {name for path in tests for name in imported(ast.parse(path.read_text()))}
+    named = {module for _, module, _ in imports_of_tests()}
+    named |= {f"{module}/{name.name}".lstrip("/") for _, module, names in imports_of_tests() for name in names}
     named |= {(test.parent / module).as_posix() for test in files_of_tests() if (module := module_of(test))}
     files = {name for name in modules() if (SOURCES / f"{name}.py").exists()}
     assert files - named == UNNAMED.keys()
@@ -128,15 +132,11 @@ def test_each_module_is_imported_by_a_test_or_has_a_reason():
 
 def test_no_test_renames_a_module():
     """A module has one name, also in tests; beside a variable of this name, it is NAME_module."""
-    renamed = []
-    for path in TESTS.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("antumbra"):
-                folder = node.module.removeprefix("antumbra").strip(".").replace(".", "/")
-                names = [a for a in node.names if a.asname and f"{folder}/{a.name}".lstrip("/") in modules()]
-                renamed += [
-                    f"{path.relative_to(TESTS)}: {a.name} as {a.asname}"
-                    for a in names
-                    if a.asname not in (a.name, f"{a.name}_module")
-                ]
-    assert renamed == []
+    renamed = [
+        f"{path}: {name.name} as {name.asname}"
+        for path, folder, names in imports_of_tests()
+        for name in names
+        if name.asname not in (None, name.name, f"{name.name}_module")
+        and f"{folder}/{name.name}".lstrip("/") in modules()
+    ]
+    assert renamed == [] and len(imports_of_tests()) > 1000

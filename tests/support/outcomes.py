@@ -10,7 +10,7 @@ import pytest
 
 from antumbra.kernels.processor import level
 from antumbra.kernels.toolchain.kernel_cache import cache_folder
-from selection import SKIPPED
+from selection import MARKERS, SKIPPED
 
 MOST = 20  # commands that are printed
 
@@ -39,6 +39,7 @@ class Outcomes:
     def pytest_sessionfinish(self):
         if getattr(self.config, "cache", None) and not self.config.option.collectonly:
             self.config.cache.set(SKIPPED, sorted(self.skipped))
+            self.config.cache.set(MARKERS, self.config.option.markexpr)
 
     def pytest_terminal_summary(self, terminalreporter):
         if self.skipped:

@@ -18,7 +18,8 @@ FOLDER = Path(__file__).parents[1]
 LIST = FOLDER / "volume.txt"
 FOLDERS = {"tests/lab/papers/": "papers", "tests/benchmarks/": "programs"}  # markers of whole folders
 OTHERS = "slow", "papers", "programs", "cluster"  # markers of tests with runs of their own
-SKIPPED = "antumbra/skipped"  # key in pytest's cache
+SKIPPED = "antumbra/skipped"  # key in pytest's cache: the tests and files that the last run skipped
+MARKERS = "antumbra/markers"  # the same: its -m
 COLLECTED = pytest.StashKey[list[pytest.Item]]()  # all tests, before any is left out
 DEFAULT = pytest.StashKey[set[str]]()  # ids of those of the default run
 
@@ -89,12 +90,12 @@ def is_whole(config: pytest.Config) -> bool:
 
 
 def pytest_addoption(parser):
-    parser.addoption("--skipped", action="store_true", help="run the tests that the last run skipped")
+    parser.addoption("--skipped", action="store_true", help="run what the last run skipped, with that run's -m")
 
 
 def pytest_configure(config):
-    if config.option.skipped:
-        config.option.markexpr = ""
+    if config.option.skipped:  # of a file that could not be imported, the tests that the last run wanted
+        config.option.markexpr = config.cache.get(MARKERS, "")
     if not config.getoption("--hypothesis-profile"):
         load_profile("default" if is_default(config) else "volume")
 

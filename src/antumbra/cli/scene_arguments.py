@@ -323,59 +323,54 @@ def _open_placed(each: Added, crs: str | None, quiet: bool) -> Any:
 # --- Options of all commands with a scene -----------------------------------------------------------------------------
 
 
+def _option(name: str, text: str, metavar: str) -> Any:
+    """An option of scenes, whose help names its default where there is one."""
+    return typer.Option(name, help=text, metavar=metavar, show_default=False, rich_help_panel="Scene")
+
+
 @dataclass(frozen=True, kw_only=True)
 class SceneArguments:
     """Options of every command with a scene. The help lists them after SCENE."""
 
     height: Annotated[
         str | None,
-        typer.Option(
+        _option(
             "--height",
-            help="For footprints: the column of their heights, or one height.  [default: height]",
-            metavar="COLUMN|NUMBER",
-            show_default=False,
-            rich_help_panel="Scene",
+            "For footprints: the column of their heights, or one height.  [default: height]",
+            "COLUMN|NUMBER",
         ),
     ] = None
     terrain: Annotated[
         list[Path] | None,
-        typer.Option(
+        _option(
             "--terrain",
-            help="Raster of the ground on which footprints stand, or that lies below a raster; tiles: repeat it.",
-            metavar="FILE",
-            show_default=False,
-            rich_help_panel="Scene",
+            "Raster of the ground on which footprints stand, or that lies below a raster; tiles: repeat it.",
+            "FILE",
         ),
     ] = None
     unit: Annotated[
         str | None,
-        typer.Option(
+        _option(
             "--unit",
-            help="Length unit of the coordinates: mm, cm, m, ft or us-ft.  [default: that of the CRS, or m]",
-            metavar="UNIT",
-            show_default=False,
-            rich_help_panel="Scene",
+            "Length unit of the coordinates: mm, cm, m, ft or us-ft.  [default: that of the CRS, or m]",
+            "UNIT",
         ),
     ] = None
     add: Annotated[
         list[str] | None,
-        typer.Option(
+        _option(
             "--add",
-            help="Add the objects of a file: OBJ, glTF, CityJSON or footprints, with options such as "
+            "Add the objects of a file: OBJ, glTF, CityJSON or footprints, with options such as "
             "FILE?up=z&at=X,Y,Z, the axis that points up and the position of its origin; may be repeated.",
-            metavar="FILE[?OPTIONS]",
-            show_default=False,
-            rich_help_panel="Scene",
+            "FILE[?OPTIONS]",
         ),
     ] = None
     remove: Annotated[
         list[str] | None,
-        typer.Option(
+        _option(
             "--remove",
-            help="Remove an object, such as a building by its id; may be repeated.",
-            metavar="ID",
-            show_default=False,
-            rich_help_panel="Scene",
+            "Remove an object, such as a building by its id; may be repeated.",
+            "ID",
         ),
     ] = None
 

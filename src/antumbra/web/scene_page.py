@@ -76,17 +76,17 @@ def make_page(
 
 def local_time(when: str | date | datetime, name: str) -> datetime:
     """A day, at 14:00, or a local time. Raises an InputError with the name of the option."""
-    given: date | datetime | None = None
+    moment: date | datetime | None = None
     if isinstance(when, date):  # so are times
-        given = when
+        moment = when
     elif isinstance(when, str):
         try:
-            given = datetime.fromisoformat(when)
+            moment = datetime.fromisoformat(when)
         except ValueError:
-            given = None
+            moment = None
         else:
-            given = given.date() if len(when) <= len("2026-06-21") else given
-    offset = isinstance(given, datetime) and given.tzinfo is not None
-    if given is None or offset or not 1900 <= given.year <= 2199:
+            moment = moment.date() if len(when) <= len("2026-06-21") else moment
+    offset = isinstance(moment, datetime) and moment.tzinfo is not None
+    if moment is None or offset or not 1900 <= moment.year <= 2199:
         raise InputError(f"{name} {quoted(when)} is not a day; write 2026-06-21, or 2026-06-21T15:30 in local time")
-    return given if isinstance(given, datetime) else datetime.combine(given, NOON)
+    return moment if isinstance(moment, datetime) else datetime.combine(moment, NOON)

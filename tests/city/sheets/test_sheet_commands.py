@@ -47,7 +47,8 @@ def words(name):
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_writes_a_sheet_with_its_title_block(cli, place, name):
     fields = [f for each in ("project=River Street 5", "author=A. Planner", "paper=a3") for f in ("--sheet", each)]
-    assert cli(*words(name), "--map", "a.svg", "--map", "a.pdf", *fields).code == 0
+    files = ["a.svg", "a.pdf"] if name == "viewshed" else ["a.svg"]  # contract/test_same_bytes.py writes the others
+    assert cli(*words(name), *(word for file in files for word in ("--map", file)), *fields).code == 0
     text = (place / "a.svg").read_text()
     assert "River Street 5" in text and "A. Planner" in text and "Antumbra" in text
     sides = [round(float(text.split(f'{side}="')[1].split("pt")[0]) / 72 * 25.4, 1) for side in ("width", "height")]
@@ -55,7 +56,7 @@ def test_every_command_writes_a_sheet_with_its_title_block(cli, place, name):
     assert name == "skyline" or "1:" in text
     labelled = "windows.csv" in COMMANDS[name] and name in ("sun", "los")
     assert (">W1<" in text) == labelled
-    assert (place / "a.pdf").read_bytes().startswith(b"%PDF")
+    assert name != "viewshed" or (place / "a.pdf").read_bytes().startswith(b"%PDF")
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -95,25 +95,25 @@ class GeometryChoice:
     def of(self, document: CityDocument, places: Sequence[Place] | None = None) -> list[ChosenGeometry]:
         """The geometries to read of some lines; `places`: of these."""
         shapes = {
-            (k, name): found
+            (k, name): choices
             for k, part in enumerate(document.parts)
             for name in part.objects
-            if (found := self._of_one_level(list(_surfaces(document, part, name))))
+            if (choices := self._of_one_level(list(_surfaces(document, part, name))))
         }
-        self._check_expansion([c for found in shapes.values() for c in found])
-        kept = self._without_repeats(document, shapes)
+        self._check_expansion([c for choices in shapes.values() for c in choices])
+        remaining = self._without_repeats(document, shapes)
         if places is not None:  # keep no geometry
             self._first |= {name: places[k] for k, name in reversed(shapes) if isinstance(self._first[name], list)}
             size, n = _OBJECT_BYTES * len(self._first), len(self._first)
             check_reading(size, f"{self._file}: the list of the first {counted(n, 'object')}", cure="split the file")
-        return kept
+        return remaining
 
-    def _of_one_level(self, found: list[ChosenGeometry]) -> list[ChosenGeometry]:
+    def _of_one_level(self, choices: list[ChosenGeometry]) -> list[ChosenGeometry]:
         """Those of the given level, or of the highest one."""
-        levels = [lod_of(c.geometry) for c in found]
+        levels = [lod_of(c.geometry) for c in choices]
         self._levels.update(levels)
         level = max(levels, key=_rank, default="") if self._lod is None else self._lod
-        return [c for c in found if lod_of(c.geometry) == level]
+        return [c for c in choices if lod_of(c.geometry) == level]
 
     def end(self) -> tuple[list[str], list[str]]:
         """(all levels of detail, ascending; notes), once all lines have been read.
@@ -150,37 +150,37 @@ class GeometryChoice:
     ) -> list[ChosenGeometry]:
         """The geometries without those that others repeat; `shapes`: those of each object, of one level."""
         boxes = _Boxes(document)
-        alone = {key: _distinct(boxes, found) for key, found in shapes.items()}
-        n_repeats = sum(len(found) - len(alone[key]) for key, found in shapes.items())
+        alone = {key: _distinct(boxes, choices) for key, choices in shapes.items()}
+        n_repeats = sum(len(choices) - len(alone[key]) for key, choices in shapes.items())
         listed = self._listed_once(boxes, alone)
         n_twice, alone = len(alone) - len(listed), listed
         parts_of = [_parts_of(part) for part in document.parts]
-        kept, n_wholes, n_beside = list[ChosenGeometry](), 0, 0
-        for (k, name), found in alone.items():
+        remaining, n_wholes, n_beside = list[ChosenGeometry](), 0, 0
+        for (k, name), choices in alone.items():
             parts = [alone[k, child] for child in parts_of[k][name] if (k, child) in alone]
-            level = _rank(lod_of(found[0].geometry))
+            level = _rank(lod_of(choices[0].geometry))
             same = [c for part in parts for c in part if _rank(lod_of(c.geometry)) == level]
             if self._lod is None and any(_rank(lod_of(part[0].geometry)) > level for part in parts):
                 continue
-            if same and _covers(boxes.of(same), boxes.of(found)):
+            if same and _covers(boxes.of(same), boxes.of(choices)):
                 n_wholes += 1
                 continue
             n_beside += bool(same)
-            kept += found
+            remaining += choices
         self._counts += n_repeats, n_wholes, n_beside, n_twice
-        return kept
+        return remaining
 
     def _listed_once(
         self, boxes: "_Boxes", alone: dict[_Key, list[ChosenGeometry]]
     ) -> dict[_Key, list[ChosenGeometry]]:
         """The objects without those that an earlier line lists at the same place, under the same id."""
-        kept = dict[_Key, list[ChosenGeometry]]()
-        for (k, name), found in alone.items():
-            earlier = self._first.setdefault(name, found)
-            a, b = (None, None) if earlier is found else (self._box_of(earlier, name, boxes), boxes.of(found))
+        remaining = dict[_Key, list[ChosenGeometry]]()
+        for (k, name), choices in alone.items():
+            earlier = self._first.setdefault(name, choices)
+            a, b = (None, None) if earlier is choices else (self._box_of(earlier, name, boxes), boxes.of(choices))
             if a is None or b is None or not _same_place(a, b):
-                kept[k, name] = found
-        return kept
+                remaining[k, name] = choices
+        return remaining
 
     def _box_of(self, earlier: Place | list[ChosenGeometry], name: str, boxes: "_Boxes") -> "_Box | None":
         """The box of the geometries of the first object of a name."""
@@ -199,20 +199,20 @@ def _polygon_count(nested: Any, depth: int) -> int:
     return len(nested) if depth == 0 else sum(_polygon_count(each, depth - 1) for each in nested)
 
 
-def _distinct(boxes: "_Boxes", found: list[ChosenGeometry]) -> list[ChosenGeometry]:
+def _distinct(boxes: "_Boxes", choices: list[ChosenGeometry]) -> list[ChosenGeometry]:
     """The geometries of an object without those that repeat a preferred one, in the order of the file."""
-    if len(found) == 1:
-        return found
-    kept, places = list[ChosenGeometry](), np.empty((len(found), 2, 3))
+    if len(choices) == 1:
+        return choices
+    remaining, places = list[ChosenGeometry](), np.empty((len(choices), 2, 3))
     n_places = 0
-    for each in sorted(found, key=lambda c: _PREFERENCE.index(c.geometry["type"])):
+    for each in sorted(choices, key=lambda c: _PREFERENCE.index(c.geometry["type"])):
         box = boxes.of([each])
         if box is None:
-            kept.append(each)
+            remaining.append(each)
         elif not _same_place(places[:n_places], box).any():
-            kept.append(each)
+            remaining.append(each)
             places[n_places], n_places = box, n_places + 1
-    return sorted(kept, key=lambda c: c.place)
+    return sorted(remaining, key=lambda c: c.place)
 
 
 # --- Boxes ------------------------------------------------------------------------------------------------------------
@@ -228,10 +228,10 @@ class _Boxes:
     def __init__(self, document: CityDocument) -> None:
         self._document, self._corners = document, dict[int, list[Any]]()
 
-    def of(self, found: Iterable[ChosenGeometry]) -> _Box | None:
+    def of(self, choices: Iterable[ChosenGeometry]) -> _Box | None:
         """(2, 3) float64; None: the geometries are damaged, which reading them reports."""
         with suppress(TypeError, ValueError, IndexError, KeyError, OverflowError, RecursionError):
-            points = np.concatenate([self._points(each) for each in found])
+            points = np.concatenate([self._points(each) for each in choices])
             return np.stack([points.min(0), points.max(0)])
         return None
 

@@ -233,22 +233,22 @@ class ViewshedCommand(SensorStudy[ViewshedOptions, "Viewshed"]):
 
         observers = self._observers(scenes)
         options = replace(self.options, bits=self.bits is not None, each=self.options.each or bool(self.polygons))
-        given = {"surface": scenes.bare, **field_values(options)}
+        keywords = {"surface": scenes.bare, **field_values(options)}
         sensors = scenes.sensor_blocks(self.sensor_form, self.threads)
         sensors = self.check_room(
-            sensors, lambda some: viewshed(scenes.planted, some, observers, **given).table, executor
+            sensors, lambda some: viewshed(scenes.planted, some, observers, **keywords).table, executor
         )
         camera = None
         if self.camera is not None:
             camera = make_camera(parse_camera(self.camera), scenes.planted, options.time, _SIZE)
 
         def study() -> "Viewshed | None":
-            found = viewshed_blocks(
+            result = viewshed_blocks(
                 scenes.planted, options, sensors, observers, scenes.bare, executor, self.partitioned
             )
-            if found is not None:
-                found.table.camera = camera
-            return found
+            if result is not None:
+                result.table.camera = camera
+            return result
 
         return study
 
