@@ -1,7 +1,7 @@
 """A summary on top of each page of the reference: its names, or those of the pages below it, and what each is.
 
-Rows of names on other pages have the anchors of these names and of their members, so that api/scenes.html#antumbra.Scene
-leads to the row that links to the page of the class.
+Rows of names on other pages have the anchors of these names and of their members, so that an address such as
+api/scenes.html#antumbra.Scene leads to the row that links to the page of the class.
 """
 
 import inspect
@@ -54,9 +54,8 @@ def add_summary(app, doctree, page: str) -> None:
     shown = [name for name in names if not (below and is_member(name, objects))]
     if len(shown) < 2:
         return
-    table = registries.table(
-        ["name", "what it is"], [[f"`{short(each, objects)}`", summary_of(each)] for each in shown]
-    )
+    rows = [[f"`{short(each, objects)}`", summary_of(each)] for each in shown]
+    table = registries.table(["name", "what it is"], rows)
     table["classes"].append("summary")
     for name, row in zip(shown, table.findall(lambda node: isinstance(node.parent, nodes.tbody))):
         entry = objects[name]

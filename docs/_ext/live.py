@@ -1,7 +1,7 @@
 """``{live} NAME``: a page with exact shadows of `scripts/live_pages.py`, which is made when the site is built.
 
-Its option `alt` says what is to be seen; `play` plays the day once; its content is the caption. Until the page has come,
-its still is shown.
+Its option `alt` says what is to be seen; `play` plays the day once; its content is the caption. Its still is shown
+until the page has come.
 """
 
 import base64

@@ -65,7 +65,7 @@ def _draw_overview(sheet: Any, turns: list[Turn], sizes: Mapping[str, int]) -> N
     panels[1].set_yscale("symlog", linthresh=1e-5)
     panels[1].set(ylim=(-2e-6, None), yticks=_SHARES, yticklabels=[f"{100 * x:g}" for x in _SHARES])
     panels[1].minorticks_off()
-    for panel, place in zip(panels, ("lower left", "lower right")):
+    for panel, place in zip(panels, ("upper center", "lower right")):
         panel.legend(loc=place, fontsize=8)
 
 

@@ -31,13 +31,12 @@ def write_plot(scenes: Sequence[MeasuredScene], path: Path) -> None:
         curves = list(second.subplots(2, 2).flat)
         for panel, ((counter, axis), power) in zip(curves, [(p, e) for p in _PANELS for e in (1, 2)]):
             _draw_sizes(panel, {s.name: s.tables["figure 6"] for s in scenes}, (counter, axis), power)
-        second.legend(
-            *curves[0].get_legend_handles_labels(), loc="outside lower center", ncols=2, title="dotted: linear"
-        )
+        lines = curves[0].get_legend_handles_labels()
+        second.legend(*lines, loc="outside lower center", ncols=2, title="dotted: linear")
         panels = iter(third.subplots(2 * len(scenes), 2).flat)
         for scene in scenes:
             assert scene.quality is not None
-            for panel, (title, picture) in zip(panels, scene.quality.pictures.items()):
+            for (title, picture), panel in zip(scene.quality.pictures.items(), panels):
                 panel.imshow(picture, interpolation="nearest")
                 panel.set_title(f"{scene.name}: {title}", fontsize=9)
                 panel.set_axis_off()
