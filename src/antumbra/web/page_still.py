@@ -48,6 +48,6 @@ def _with_sun(lights: list[Light], when: datetime, place: Place, up: str) -> lis
     if altitude[0] < LOWEST:
         return None
     (away,) = directions_of(altitude, azimuth + place.north, up)
-    first = next(k for k, light in enumerate(lights) if isinstance(light, DirectionalLight))
-    sun = replace(lights[first], direction=-away, angular_diameter=SUN_WIDTH)
-    return [*lights[:first], sun, *lights[first + 1 :]]
+    sun = next(light for light in lights if isinstance(light, DirectionalLight))
+    moved = replace(sun, direction=-away, angular_diameter=SUN_WIDTH)
+    return [moved if light is sun else light for light in lights]
