@@ -26,6 +26,8 @@ extensions = [
     "sphinxcontrib.bibtex",
     "sphinxext.opengraph",
     "api_links",
+    "api_summary",
+    "charts",
     "code_tabs",
     "comments",
     "fields",
@@ -33,6 +35,7 @@ extensions = [
     "labels",
     "live",
     "long_commands",
+    "notebooks",
     "paper_code",
     "pictures",
     "raised",
@@ -61,6 +64,7 @@ html_theme = "furo"
 html_title = f"Antumbra {release}"
 html_static_path = ["_static"]
 html_css_files = ["antumbra.css"]
+html_js_files = ["tables.js"]
 html_logo = html_favicon = "_static/logo.svg"
 html_search_scorer = str(HERE / "_static" / "scorer.js")
 html_baseurl = ogp_site_url = "https://antumbra.github.io/antumbra/"

@@ -670,7 +670,7 @@ def page() -> str:
         devices(),
         "## Wrong answers\n",
     ]
-    parts += ["[Wrong elsewhere](wrong-elsewhere.md) has the counts of any-hit rays, and explains them.\n"]
+    parts += ["[Wrong answers elsewhere](wrong-elsewhere.md) has the counts of any-hit rays, and explains them.\n"]
     parts += [wrong(), sun_rays()]
     parts += ["## Papers\n", "Each page has the tables of a paper beside ours.\n", "\n".join(papers()) + "\n"]
     parts += ["## Radiometry\n", *transcribed("radiometry"), "## Scale\n", scale(), *transcribed("scale")]

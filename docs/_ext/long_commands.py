@@ -1,8 +1,8 @@
 r"""Long commands continue on further lines, broken by " \" before options: whole on the page, and in a shell.
 
 Commands in blocks of text, which the checks of examples do not run, look like others. On narrow screens, options, dates
-and other words with hyphens stay whole, because browsers would break lines after each hyphen, and " \" is not shown,
-because lines break anyway.
+and other words with hyphens stay whole, because browsers would break lines after each hyphen, " \" is not shown,
+because lines break anyway, and each command is a `.line`, whose further lines hang.
 """
 
 import re
@@ -15,8 +15,9 @@ LONGEST = 32  # characters of a word that stays whole on the narrowest screens
 _OPTION = re.compile(r""" (?=--?[a-z])(?=(?:[^"']|"[^"]*"|'[^']*')*$)""")  # the space before one outside quotes
 
 _COMMAND = re.compile(r"antumbra [a-z]|pip [a-z]|python \S+\.py")  # the beginning of a block of commands
-_SHELL = re.compile(r'<div class="highlight-sh .*?</pre>', re.DOTALL)
+_SHELL = re.compile(r'(<div class="highlight-sh .*?<pre>)(.*?)(?=</pre>)', re.DOTALL)
 _CONTINUED = re.compile(r'<span class="se">\\</span>\n(?: +|<span class="w"> +</span>)?')
+_JOINED = "\0"  # stands for the end of a line that the next one continues
 _TAG_OR_WORD = re.compile(r"<[^>]*>|(?:&#?\w+;|[^\s<>&])+")
 _NAME = re.compile(rf'<span class="pre">(?=[^<]{{1,{LONGEST}}}</span>)')
 
@@ -48,12 +49,22 @@ def break_commands(app, doctree):
 
 def keep_whole(body: str) -> str:
     """The HTML of a page whose short words with hyphens, in commands and in code within text, do not break."""
-    body = _SHELL.sub(lambda block: _in_shell(block[0]), body)
+    body = _SHELL.sub(lambda block: block[1] + _in_shell(block[2]), body)
     return _NAME.sub('<span class="pre whole">', body)
 
 
-def _in_shell(block: str) -> str:
-    return _CONTINUED.sub(r'<span class="continued">\g<0></span>', _TAG_OR_WORD.sub(_whole, block))
+def _in_shell(code: str) -> str:
+    code = _CONTINUED.sub(_continued, _TAG_OR_WORD.sub(_whole, code))
+    return "".join(map(_line, code.splitlines(keepends=True))).replace(_JOINED, "\n")
+
+
+def _continued(match: re.Match) -> str:
+    return f'<span class="continued">{match[0].replace(chr(10), _JOINED)}</span>'
+
+
+def _line(text: str) -> str:
+    """A line as an element of its own, unless one of its elements goes on in the next line."""
+    return f'<span class="line">{text}</span>' if text.count("<span") == text.count("</span>") else text
 
 
 def _whole(match: re.Match) -> str:

@@ -134,6 +134,12 @@ def test_a_name_that_nobody_announces(cli, benches):
     cli("bench", "magic").refused("magic")
 
 
+def test_the_list_of_commands_has_whole_summaries(cli):
+    """Click would end them at the full stop of "et al."."""
+    listed = " ".join(cli("bench", "--help").out.split())
+    assert "build and trace times [Feltman et al. 2012]." in listed and "all Run all other benchmarks" in listed
+
+
 def test_text_outside_tables_is_kept():
     record = Record(None)
     with redirect_stdout(record):

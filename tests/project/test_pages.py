@@ -5,6 +5,7 @@ import json
 import re
 import shlex
 import sys
+from collections import namedtuple
 
 import pytest
 
@@ -159,6 +160,45 @@ def extension(monkeypatch):
     return lambda name: tool(DOCS / "_ext" / f"{name}.py")
 
 
+def test_the_summary_of_a_name_is_its_first_sentence(extension):
+    pytest.importorskip("sphinx", reason="summaries of the reference are NOT checked without Sphinx")
+    summary = extension("api_summary")
+    assert summary.summary_of("antumbra.Scene.update") == "Move the geometry."
+    assert "\n" not in summary.summary_of("antumbra.Scene")
+    entry = lambda page, kind: namedtuple("Entry", "docname node_id objtype aliased")(page, "", kind, False)
+    objects = {
+        "antumbra.Scene.update": entry("api/scene", "method"),
+        "antumbra.Scene": entry("api/scene", "class"),
+        "antumbra.load": entry("api/load", "function"),
+        "antumbra.integrations.open3d.RaycastingScene": entry("api/open3d", "class"),
+    }
+    names = summary.names_of(objects, ["api/load", "api/scene"])
+    assert names == ["antumbra.load", "antumbra.Scene.update", "antumbra.Scene"]
+    assert [summary.short(name, objects) for name in objects] == [
+        "at.Scene.update",
+        "at.Scene",
+        "at.load",
+        "RaycastingScene",
+    ]
+
+
+def test_charts_are_told_from_pictures_by_their_white_ground(extension):
+    charts = extension("charts")
+    kinds = {path.name: charts.kind_of(path) for path in (DOCS / "papers").iterdir() if path.suffix in (".png", ".svg")}
+    assert kinds["srdh-comparison.png"] == kinds["srdh.svg"] == "chart"
+    assert kinds["pre-bvh-culling-figure3.png"] is None and charts.kind_of(DOCS / "images" / "view.png") is None
+    assert {"chart", "sheet", None} == set(kinds.values())
+
+
+def test_a_notebook_is_a_page_with_its_output(extension):
+    pytest.importorskip("myst_parser", reason="the pages of notebooks are NOT checked without myst-parser")
+    name = "shadows.ipynb"
+    page = extension("notebooks").page_of(json.loads((DOCS / "notebooks" / name).read_text(encoding="utf-8")), name)
+    assert page.startswith("# Shadows as arrays\n") and "```python\n" in page and page.count("data:image/png") >= 4
+    assert "[Open in Colab](https://colab" in page and f"{{download}}`download {name} <{name}>`" in page
+    assert "badge.svg" not in page and "((360, 480, 1), dtype('uint64'))" in page
+
+
 def test_errors_on_the_page_are_raised(extension):
     raised = extension("raised")
     lines = (DOCS / "errors.md").read_text(encoding="utf-8").partition("```{raised}\n")[2].partition("```")[0]
@@ -252,12 +292,34 @@ def test_results_that_a_page_shows_are_those_of_its_blocks(tmp_path, capsys):
     assert snippets.run([page], lambda block: block.language == "python") == []
 
 
-def test_the_quick_start_shows_what_its_blocks_print():
-    text = (DOCS / "quickstart.md").read_text(encoding="utf-8")
-    printing = [block for block in snippets.page_blocks(text) if "print(" in block.code]
+def test_the_first_pages_show_what_their_blocks_print():
+    pages = [DOCS / f"{name}.md" for name in ("quickstart", "tutorials/pictures", "tutorials/rays")]
+    every = [(page, block) for page in pages for block in snippets.page_blocks(page.read_text(encoding="utf-8"))]
+    printing = [block for _, block in every if "print(" in block.code]
     assert len(printing) > 10 and [block.code for block in printing if not (block.printed and block.printed[1])] == []
-    pictures = [block.picture[1] for block in snippets.page_blocks(text) if block.picture]
-    assert len(pictures) >= 4 and all((DOCS / each).is_file() for each in pictures)
+    pictures = [page.parent / block.picture[1] for page, block in every if block.picture]
+    assert len(pictures) >= 4 and all(each.is_file() for each in pictures)
+
+
+def test_the_quick_start_has_the_first_picture_and_the_first_answer_within_a_screen_each():
+    sections = (DOCS / "quickstart.md").read_text(encoding="utf-8").split("\n## ")[1:]
+    assert [section.partition("\n")[0] for section in sections] == [
+        "Install",
+        "The first picture",
+        "The first answer in Python",
+        "Next",
+    ]
+    assert max(section.count("\n") for section in sections) <= 25
+
+
+def test_each_public_name_is_on_one_page_of_the_reference():
+    """A page has one class, or a few functions with the classes that they return."""
+    pattern = r"^\.\. auto(?:function|class|exception):: antumbra\.(\w+)(?:\(\))?$"
+    pages = {page: re.findall(pattern, page.read_text(encoding="utf-8"), re.M) for page in (DOCS / "api").glob("*.md")}
+    every = [name for names in pages.values() for name in names]
+    errors = re.findall(r"autoexception:: antumbra\.(\w+)", (DOCS / "api.md").read_text(encoding="utf-8"))
+    assert sorted([*every, *errors]) == sorted({*at.__all__} - {"cluster", "examples"})
+    assert len(pages) > 30 and max(map(len, pages.values())) <= 9
 
 
 def test_help_is_parted_into_names_and_texts(extension):
@@ -326,6 +388,7 @@ def test_options_and_dates_of_commands_stay_whole_on_narrow_screens(extension):
     shell = '<div class="highlight-sh notranslate"><pre>a --step <span class="m">2026</span>-03-21 {}</pre></div>'
     end, next_line = "\n", '<span class="w">    </span>'
     page = keep(shell.format(f'<span class="se">\\</span>{end}{next_line}b &#39;c-d&#39; {"e-" * 40}') + "<p>f-g</p>")
+    assert page.count('<span class="line">') == 1  # the command goes on in its second line
     assert re.findall('<span class="whole">(.*?)</span>', page) == ["--step", "-03-21", "&#39;c-d&#39;"]
     assert f'<span class="continued"><span class="se">\\</span>{end}{next_line}</span>b' in page
     assert page.endswith("<p>f-g</p>")

@@ -98,6 +98,7 @@ def test_a_page_opens_without_a_network(chromium, written):
     assert opened.page.locator("#proof").inner_text().startswith("Same bits as Antumbra")
     assert opened.faults == []
     assert [url for url in opened.requests if not url.startswith("blob:")] == [written[1].as_uri()]
+    assert '<img id="still"' in written[1].read_text(encoding="utf-8") and opened.page.locator("#still").count() == 0
     image = opened.page.locator("#picture").screenshot()
     assert len(image) > 10_000  # more than a plane colour
     assert opened.page.locator("h1").inner_text() == "Towers"

@@ -273,6 +273,12 @@ class _EntryPointGroup(TyperGroup):
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         return _loaded(cmd_name) if cmd_name in plugins_of(_GROUP) else super().get_command(ctx, cmd_name)
 
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Whole summaries: Click would end them at the full stop of "et al."."""
+        texts = {name: self.get_command(ctx, name).help or "" for name in self.list_commands(ctx)}
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, text.partition("\n\n")[0]) for name, text in texts.items()])
+
 
 class BenchCommand(ParsedOnce, TyperCommand):
     """A command of ``antumbra bench``."""

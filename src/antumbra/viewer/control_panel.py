@@ -104,7 +104,9 @@ class Controls:
         async def save_picture(event: Any) -> None:
             picture = self._page.latest(event.client.client_id)
             if picture is not None:
-                event.client.send_file_download(f"{model.scene.name}.png", png_file(picture.image))
+                event.client.send_file_download(
+                    f"{model.scene.name}.png", png_file(picture.image), save_immediately=True
+                )
 
         for button, act in (reset, reset_exposure), (home, reset_view), (save, save_picture):
             button.on_click(self._page.listener(act))

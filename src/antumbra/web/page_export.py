@@ -32,6 +32,7 @@ from .kernel_module import kernel_module
 from .page_columns import Columns, distinct_rows
 from .page_look import add_look, sun_angles
 from .page_source import PAGE, page_program
+from .page_still import still_of
 from .value_layer import ValueLayer
 
 MOST_TRIANGLES = 2_000_000
@@ -225,7 +226,8 @@ def page_html(
         "layer": None if layer is None else layer.about(),
         "columns": columns.listed,
     }
-    html = _html(about, columns.packed().decode(), options)
+    still = still_of(scene, view, options.when, options.place, time)
+    html = _html(about, columns.packed().decode(), options, still)
     return html, PageReport(shown, len(html), digests[-1], tuple(look.notes))
 
 
@@ -243,13 +245,13 @@ def _orbit_of(scene: AnyScene, triangles: Triangles, camera: Camera) -> dict[str
     return {"position": position.tolist(), "target": (position + away * ahead).tolist(), "vfov": float(camera.vfov)}
 
 
-def _html(about: dict[str, Any], data: str, options: PageOptions) -> bytes:
-    """The file."""
+def _html(about: dict[str, Any], data: str, options: PageOptions, still: bytes) -> bytes:
+    """The file; `still`: the picture that it shows first, or nothing."""
     template = Template((PAGE / "page.html").read_text(encoding="utf-8"))
     style, code = (PAGE / "page.css").read_text(encoding="utf-8"), page_program()
     policy = (
         f"default-src 'none'; script-src 'sha256-{_digest(code)}' 'wasm-unsafe-eval'; "
-        f"style-src 'sha256-{_digest(style)}'; worker-src blob:; base-uri 'none'; form-action 'none'"
+        f"style-src 'sha256-{_digest(style)}'; img-src data:; worker-src blob:; base-uri 'none'; form-action 'none'"
     )
     text = template.substitute(
         language=options.language,
@@ -259,6 +261,7 @@ def _html(about: dict[str, Any], data: str, options: PageOptions) -> bytes:
         credits=escape(options.credits or f"Antumbra {VERSION}"),
         style=style,
         about=json.dumps(about, separators=(",", ":")).replace("<", "\\u003c"),
+        still=f'<img id="still" alt="" src="data:image/webp;base64,{base64.b64encode(still).decode()}">' * bool(still),
         data=data,
         code=code,
     )

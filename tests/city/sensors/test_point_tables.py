@@ -138,7 +138,7 @@ def test_bad_values_are_named_before_the_work_as_by_the_whole(tmp_path, suffix, 
         with pytest.raises(at.InputError, match=words) as caught:
             read(str(path), floor())
         told.append(str(caught.value))
-    assert told[0] == told[1]
+    assert told[0] == told[1] and told[0].startswith(f"{path.name}: ")
 
 
 @pytest.mark.parametrize("text", ["x,y,z\n1,2,3\n1,zwei,3\n", "x,y\n1,2\n", "x,y,z\n1,2,3\n" + 9 * "1,2,3,4\n"])

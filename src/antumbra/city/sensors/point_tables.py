@@ -3,7 +3,8 @@
 import hashlib
 import json
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -68,7 +69,8 @@ class PointTable:
     def sensors(self, rows: Rows) -> Sensors:
         """The sensors of some rows."""
         numbers, normals = rows.numbers, self.normals
-        sensors = point_sensors(self.at(numbers), numbers[:, normals] if normals else None, self._areas(numbers))
+        with _errors_of(self.name):
+            sensors = point_sensors(self.at(numbers), numbers[:, normals] if normals else None, self._areas(numbers))
         return replace(sensors, attributes=rows.attributes)
 
     def at(self, numbers: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -89,13 +91,23 @@ class PointTable:
         """
         at = self.at(numbers)
         bounds = np.array([[each.min(), each.max()] for each in at.T]).T if len(at) else np.empty((0, 3))
-        if not np.isfinite(bounds).all():
-            points(at, "points of sensors", first)
-        if self.normals:
-            unit_vectors(numbers[:, self.normals], "the normal of sensor", NORMAL_CURE, first)
-        if (areas := self._areas(numbers)) is not None:
-            point_sensors(at, None, areas)
+        with _errors_of(self.name):
+            if not np.isfinite(bounds).all():
+                points(at, "points of sensors", first)
+            if self.normals:
+                unit_vectors(numbers[:, self.normals], "the normal of sensor", NORMAL_CURE, first)
+            if (areas := self._areas(numbers)) is not None:
+                point_sensors(at, None, areas)
         return np.concatenate([bounds, at[:: -(-len(at) // _SAMPLE) or 1]])
+
+
+@contextmanager
+def _errors_of(file: str) -> Iterator[None]:
+    """Let errors in the numbers of a file name it."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from None
 
 
 def point_table(path: Path, flat: bool = False) -> PointTable | None:

@@ -207,6 +207,8 @@ def records(rows: Iterable[Any], *properties: str) -> list[dict[str, Any]]:
 # --- Plots ------------------------------------------------------------------------------------------------------------
 
 
+SHEET_WIDTH = 7.4  # inches, of all plots: pages of the docs show letters of 8 points 11 pixels high
+_PIXELS = 1480  # width of all plots
 PLOT_STYLE: dict[Any, Any] = {
     "font.size": 9.0,
     "axes.titlesize": 10.0,
@@ -223,8 +225,8 @@ PLOT_STYLE: dict[Any, Any] = {
 
 
 @contextmanager
-def plot_sheet(path: Path, width: float, height: float) -> Iterator[Any]:
-    """A Matplotlib figure of this size in inches, which is written to a .png file at the end of the block.
+def plot_sheet(path: Path, height: float) -> Iterator[Any]:
+    """A Matplotlib figure of this height in inches, which is written to a .png file at the end of the block.
 
     In the block, `PLOT_STYLE` applies.
     """
@@ -232,7 +234,7 @@ def plot_sheet(path: Path, width: float, height: float) -> Iterator[Any]:
     from matplotlib.figure import Figure
 
     with rc_context(PLOT_STYLE):
-        sheet = Figure(figsize=(width, height), layout="constrained")
+        sheet = Figure(figsize=(SHEET_WIDTH, height), layout="constrained")
         yield sheet
         save_sheet(sheet, path)
 
@@ -240,4 +242,4 @@ def plot_sheet(path: Path, width: float, height: float) -> Iterator[Any]:
 def save_sheet(sheet: Any, path: Path) -> None:
     """Write a Matplotlib figure to a .png file."""
     with atomic_output(path) as temporary:
-        sheet.savefig(temporary, format="png", dpi=110)
+        sheet.savefig(temporary, format="png", dpi=_PIXELS / sheet.get_figwidth())

@@ -15,8 +15,7 @@ Range = tuple[float, float]
 """The smallest and the largest value."""
 
 PAPER_COLOUR, OUR_COLOUR = "#adb5bd", "#d9480f"
-_COLUMNS = 2  # most panels side by side
-_WIDTH, _ROW, _FRAME = 7.0, 0.42, 1.1  # inches: a panel's width, a pair of bars, and title and axis together
+_ROW, _FRAME = 0.42, 1.1  # inches: a pair of bars, and title and axis together
 
 
 class ComparedValue(NamedTuple):
@@ -50,17 +49,13 @@ def comparison_writer(panels: Sequence[ComparisonPanel]) -> Callable[[Path], Non
 
 
 def write_comparison(panels: Sequence[ComparisonPanel], path: Path) -> None:
-    """Draw the panels to a .png file, in rows of two."""
-    columns = min(_COLUMNS, len(panels))
-    rows = [panels[k : k + columns] for k in range(0, len(panels), columns)]
-    heights = [_FRAME + _ROW * max(len(panel.values) for panel in row) for row in rows]
-    with plot_sheet(path, _WIDTH * columns, sum(heights)) as sheet:
-        places = sheet.subplots(len(rows), columns, squeeze=False, height_ratios=heights)
-        for place, panel in zip(places.flat, panels):
+    """Draw the panels to a .png file, one below the other."""
+    heights = [_FRAME + _ROW * len(panel.values) for panel in panels]
+    with plot_sheet(path, sum(heights)) as sheet:
+        places = sheet.subplots(len(panels), 1, squeeze=False, height_ratios=heights)[:, 0]
+        for place, panel in zip(places, panels):
             draw_comparison(place, panel)
-        for place in list(places.flat)[len(panels) :]:
-            place.set_axis_off()
-        places.flat[0].legend(handles=_legend(), loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
+        places[0].legend(handles=_legend(), loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
 
 
 def draw_comparison(place: Any, panel: ComparisonPanel) -> None:

@@ -62,6 +62,7 @@ class Page {
 
   async open() {
     const { about, words } = this;
+    if (location.hash) document.getElementById("still")?.remove(); // a link to another view
     this.#label();
     const arrays = await unpack(
       part("data").textContent,
@@ -137,6 +138,7 @@ class Page {
     document.body.dataset.samples = String(samples);
     if (this.opened) return;
     this.opened = true; // something is seen
+    document.getElementById("still")?.remove();
     part("opening").hidden = !document.body.dataset.failed;
     if (new URLSearchParams(location.search).has("play")) this.sun.playOnce();
   }

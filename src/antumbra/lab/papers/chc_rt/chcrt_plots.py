@@ -52,8 +52,8 @@ def moved_points(turns: list[Turn], sizes: Mapping[str, int]) -> dict[str, tuple
 
 def _draw_overview(sheet: Any, turns: list[Turn], sizes: Mapping[str, int]) -> None:
     """Draw the paper's results and ours side by side: a dot per scene and view, and a line at the median."""
-    sheet.suptitle("CHC+RT at a glance: the paper's results and ours (a dot per scene and view; lines: medians)")
-    panels = sheet.subplots(1, 2)
+    sheet.suptitle("The paper's results and ours (a dot per scene and view; lines: medians)")
+    panels = sheet.subplots(2, 1)
     over = f"ours, over {SINGLE}: frusta against single rays", f"ours, over {FRUSTA}: the same kernel"
     _draw_points(panels[0], speedup_points(turns), dict(zip((*over, _PAPER), (_OURS, _SAME, _THEIRS))))
     panels[0].set_title("in memory: times as fast as tracing from the root", fontsize=10)
@@ -65,7 +65,7 @@ def _draw_overview(sheet: Any, turns: list[Turn], sizes: Mapping[str, int]) -> N
     panels[1].set_yscale("symlog", linthresh=1e-5)
     panels[1].set(ylim=(-2e-6, None), yticks=_SHARES, yticklabels=[f"{100 * x:g}" for x in _SHARES])
     panels[1].minorticks_off()
-    for panel, place in zip(panels, ("lower left", "lower right")):
+    for panel, place in zip(panels, ("upper center", "lower right")):
         panel.legend(loc=place, fontsize=8)
 
 
@@ -85,6 +85,7 @@ def _draw_points(panel: Any, points: Mapping[str, Sequence[list[float]]], colour
 # --- Figures 7 and 8: curves over the frames, and bars of the phases --------------------------------------------------
 
 
+_OVERVIEW, _WALK = 6.4, 4.4  # inches: heights of the overview, and of a walkthrough
 _TIME_PARTS = ("before", *PHASES)
 _COLOURS = ("0.7", "tab:blue", "tab:orange", "tab:red")
 
@@ -96,23 +97,22 @@ def write_plot(turns: list[Turn], sizes: Mapping[str, int], path: Path) -> None:
     """
     walks, kinds = rows_of(turns, "scene", "view"), rows_of(turns, "kind")
     colours = {row["method"]: f"C{i}" for i, row in enumerate(rows_of(turns, "method"))}
-    columns, widths = 1 + len(kinds), [1.5] + [1.0] * len(kinds)
-    overview, height = 3.6, 3.0 * len(walks) + 0.4
-    with plot_sheet(path, 3.6 * sum(widths), overview + height) as whole:
-        top, sheet = whole.subfigures(2, 1, height_ratios=[overview, height])
+    with plot_sheet(path, _OVERVIEW + _WALK * len(walks)) as whole:
+        top, *below = whole.subfigures(1 + len(walks), 1, height_ratios=[_OVERVIEW] + [_WALK] * len(walks))
         _draw_overview(top, turns, sizes)
-        panels = sheet.subplots(len(walks), columns, squeeze=False, width_ratios=widths)
-        for row, walk in zip(panels, walks):
+        for sheet, walk in zip(below, walks):
             mine = of(turns, **walk)
-            _draw_bars(row[0], mine)
-            row[0].set_title(", ".join(walk.values()), fontsize=9)
-            for panel, kind in zip(row[1:], kinds):
+            sheet.suptitle(", ".join(walk.values()), fontsize=10)
+            left, right = sheet.subfigures(1, 2, width_ratios=[1.0, 1.8])
+            bars = left.subplots()
+            _draw_bars(bars, mine)
+            left.legend(*bars.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+            panels = list(right.subplots(-(-len(kinds) // 2), 2, squeeze=False).flat)
+            for panel, kind in zip(panels, kinds):
                 _draw_curves(panel, of(mine, **kind), colours)
                 panel.set_title(kind["kind"], fontsize=9)
-        bars = panels[0, 0].get_legend_handles_labels()
-        sheet.legend(*bars, loc="outside lower left", ncols=len(bars[0]), fontsize=8)
-        lines = {line.get_label(): line for panel in panels[:, 1:].flat for line in panel.get_lines()}
-        sheet.legend(lines.values(), lines, loc="outside lower right", ncols=len(lines), fontsize=8)
+            lines = {line.get_label(): line for panel in panels for line in panel.get_lines()}
+            right.legend(lines.values(), lines, loc="outside lower center", ncols=len(lines))
 
 
 def shares(turns: list[Turn]) -> dict[str, float]:
@@ -137,7 +137,7 @@ def _draw_bars(panel: Any, turns: list[Turn]) -> None:
     several = len({row["method"] for row in rows}) > 1
     names = [", ".join(row.values()) if several else row["kind"] for row in rows]
     middle = at + width / 2 if any(root) else at
-    panel.set_xticks(middle, names, fontsize=7, rotation=25, ha="right", rotation_mode="anchor")
+    panel.set_xticks(middle, names, fontsize=8, rotation=35, ha="right", rotation_mode="anchor")
     panel.set_ylabel("share of CHC+RT's time", fontsize=8)
 
 

@@ -10,7 +10,7 @@ from .frusta_measurements import FIGURE6, MeasuredScene, Rows
 
 _STYLES = dict(zip(FIGURE6[1:], ("-", "--")))
 _PANELS = (("triangles", "triangles accessed"), ("triangle_tests", "tests of a triangle with 16 rays"))
-_TOP, _ROW = 9.0, 3.7  # heights in inches
+_BAR_ROW, _CURVE_ROW, _PICTURE_ROW = 3.2, 3.0, 3.8  # heights in inches
 _BARS = {
     "P": ("table 1 primary", ("primary:paper", "multifrusta")),
     "S": ("table 1", ("multifrusta:paper", "multifrusta")),
@@ -23,17 +23,20 @@ def write_plot(scenes: Sequence[MeasuredScene], path: Path) -> None:
 
     scenes : with all tables
     """
-    below = _ROW * len(scenes)
-    with plot_sheet(path, 14.0, _TOP + below) as sheet:
-        (first,), (second,), (third,) = sheet.subfigures(3, 1, squeeze=False, height_ratios=[_TOP / 2, _TOP / 2, below])
-        for panel, kind in zip(first.subplots(1, 2, sharey=True), _BARS):
+    heights = [2 * _BAR_ROW, 2 * _CURVE_ROW, 2 * _PICTURE_ROW * len(scenes)]
+    with plot_sheet(path, sum(heights)) as sheet:
+        (first,), (second,), (third,) = sheet.subfigures(3, 1, squeeze=False, height_ratios=heights)
+        for panel, kind in zip(first.subplots(2, 1), _BARS):
             _draw_speedups(panel, kind, scenes)
-        for panel, ((counter, axis), power) in zip(second.subplots(1, 4), [(p, e) for p in _PANELS for e in (1, 2)]):
+        curves = list(second.subplots(2, 2).flat)
+        for panel, ((counter, axis), power) in zip(curves, [(p, e) for p in _PANELS for e in (1, 2)]):
             _draw_sizes(panel, {s.name: s.tables["figure 6"] for s in scenes}, (counter, axis), power)
-        panels = third.subplots(len(scenes), 4, squeeze=False)
-        for row, scene in zip(panels, scenes):
+        lines = curves[0].get_legend_handles_labels()
+        second.legend(*lines, loc="outside lower center", ncols=2, title="dotted: linear")
+        panels = iter(third.subplots(2 * len(scenes), 2).flat)
+        for scene in scenes:
             assert scene.quality is not None
-            for panel, (title, picture) in zip(row, scene.quality.pictures.items()):
+            for (title, picture), panel in zip(scene.quality.pictures.items(), panels):
                 panel.imshow(picture, interpolation="nearest")
                 panel.set_title(f"{scene.name}: {title}", fontsize=9)
                 panel.set_axis_off()
@@ -68,6 +71,4 @@ def _draw_sizes(panel: Any, scenes: dict[str, dict[str, Rows]], counted: tuple[s
     panel.set_xscale("log", base=2)
     panel.set_yscale("log")
     panel.set(xlabel=f"{'edge' if power == 1 else 'area'} of the light, relative (Fig. 6)", ylabel=f"{axis}, millions")
-    panel.set_title("dotted: linear", fontsize=8)
     panel.grid(alpha=0.3)
-    panel.legend(fontsize=6)

@@ -30,24 +30,26 @@ from .culling_views import CullingView
 from .light_cells import light_cells
 
 _PAPER, _LINES, _HULLS = "0.55", "tab:blue", "tab:orange"
+_BAR_ROW, _CURVE_ROW = 3.6, 2.8  # heights in inches
 _LEGEND = {_PAPER: "paper (GPU)", _LINES: "as published, here", _HULLS: "grid32, here"}
 
 
 def write_charts(rows: CullingRows, path: Path) -> None:
     """Write what is left and the times to image, the paper's beside ours, and Figure 7 below them."""
     figures, tracers = (list(dict.fromkeys(getattr(t, name) for t in rows.times)) for name in ("figure", "tracer"))
-    with plot_sheet(path, 4.2 * max(len(figures), 3), 4.2 + 3.6 * len(tracers)) as sheet:
-        top, below = sheet.subfigures(2, 1, height_ratios=(4.2, 3.6 * len(tracers)))
-        left, right = top.subplots(1, 2, width_ratios=(1, 2))
-        _draw_remaining(left, rows)
-        _draw_ratios(right, [t for t in rows.times if t.tracer == tracers[0]], figures)
-        panels = below.subplots(len(tracers), len(figures), squeeze=False)
-        for row, tracer in zip(panels, tracers):
-            for panel, figure in zip(row, figures):
+    heights = 2 * _BAR_ROW, _CURVE_ROW * len(figures)
+    with plot_sheet(path, sum(heights)) as sheet:
+        top, below = sheet.subfigures(2, 1, height_ratios=heights)
+        first, second = top.subplots(2, 1)
+        _draw_remaining(first, rows)
+        _draw_ratios(second, [t for t in rows.times if t.tracer == tracers[0]], figures)
+        panels = below.subplots(len(figures), len(tracers), squeeze=False)
+        for row, figure in zip(panels, figures):
+            for panel, tracer in zip(row, tracers):
                 _draw_curves(panel, {t.method: t for t in rows.times if (t.figure, t.tracer) == (figure, tracer)})
             row[0].set_ylabel("time to image / BSAH's")
         handles, names = below.axes[0].get_legend_handles_labels()
-        below.legend(handles, names, loc="outside upper center", ncols=len(names), title="dashed: the paper's (GPU)")
+        below.legend(handles, names, loc="outside upper center", ncols=3, title="dashed: the paper's (GPU)")
 
 
 # --- The paper's results beside ours ----------------------------------------------------------------------------------
@@ -58,7 +60,7 @@ def _bars(panel: Any, groups: Sequence[str], series: dict[str, Sequence[float | 
     for k, (colour, values) in enumerate(series.items()):
         there = [(i + (k - 1) * width, value) for i, value in enumerate(values) if value is not None]
         bars = panel.bar(*zip(*there), width, color=colour, label=_LEGEND[colour]) if there else ()
-        panel.bar_label(bars, fmt="%.0f", fontsize=7) if there else None
+        panel.bar_label(bars, fmt="%.0f", fontsize=8) if there else None
     panel.set_xticks(range(len(groups)), groups, fontsize=8)
     panel.grid(axis="y", alpha=0.3)
 
@@ -154,10 +156,10 @@ def cells_file(folder: Path) -> Path:
 
 def write_cells(path: Path, views: Sequence[CullingView], threads: int) -> None:
     """Write Figure 2d for the views of Figures 3 to 6."""
-    with plot_sheet(path, 4.0 * len(views), 6.4) as sheet:
-        panels = sheet.subplots(2, len(views), squeeze=False)
-        for column, view in zip(panels.T, views):
-            _draw_cells(column, view, threads)
+    with plot_sheet(path, 3.4 * len(views)) as sheet:
+        panels = sheet.subplots(len(views), 2, squeeze=False)
+        for row, view in zip(panels, views):
+            _draw_cells(row, view, threads)
 
 
 def _draw_cells(panels: Sequence[Any], view: CullingView, threads: int) -> None:

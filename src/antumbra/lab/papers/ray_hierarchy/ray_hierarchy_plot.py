@@ -8,7 +8,7 @@ from . import ray_hierarchy_published
 from .ray_hierarchy_measurements import OURS, PLANS, Claim, Cost, Measured
 from .ray_hierarchy_views import MOMENTS, MUSEUM, ROBOTS
 
-_SIZE, _MARKERS = (15.0, 6.0), "osD^vP*X"
+_ROW, _MARKERS = 3.4, "osD^vP*X"  # inches; a symbol per variant
 _GREY = "0.55"
 
 
@@ -19,17 +19,18 @@ def write_plot(measured: Measured, film: Measured, claims: list[Claim], path: Pa
     """
     frames = [s for s in film.pictures if s.of == film.pictures[0].of]
     curves = film._replace(pictures=frames) if frames else measured
-    rows = len(_FIGURES) + bool(claims)
-    with plot_sheet(path, _SIZE[0], _SIZE[1] * rows) as sheet:
-        panels = list(sheet.subplots(rows, 2, squeeze=False))
+    rows = 2 * len(_FIGURES) + 2 * bool(claims)
+    with plot_sheet(path, _ROW * rows) as sheet:
+        panels = iter(sheet.subplots(rows, 1))
         if claims:
-            _draw_claims(panels[0][0], claims)
-            _draw_museum(panels[0][1], measured)
-        for (nodes, time), (title, variants) in zip(panels[-len(_FIGURES) :], _FIGURES):
-            for panel, axis in ((nodes, _NODES), (time, _TIMES)):
+            _draw_claims(next(panels), claims)
+            _draw_museum(next(panels), measured)
+        for title, variants in _FIGURES:
+            for axis in (_NODES, _TIMES):
+                panel = next(panels)
                 panel.set_title(title)
                 _draw_curves(panel, curves, variants, axis)
-            nodes.legend(fontsize=8)
+                panel.legend(ncols=2)
 
 
 def _draw_claims(panel: Any, claims: list[Claim]) -> None:
@@ -43,7 +44,7 @@ def _draw_claims(panel: Any, claims: list[Claim]) -> None:
             offset = (0, 9 if over else -17)
             panel.annotate(text, (value, y), offset, textcoords="offset points", ha="center", fontsize=8)
     panel.axvline(1.0, color=_GREY, linewidth=0.8)
-    panel.set_yticks(range(len(claims)), [claim.text for claim in claims], fontsize=9)
+    panel.set_yticks(range(len(claims)), [claim.text.replace(": ", ":\n") for claim in claims], fontsize=8)
     panel.set_ylim(len(claims) - 0.4, -0.6)
     panel.set_xscale("log")
     panel.set_xlabel("times (1: no gain)")
@@ -130,7 +131,7 @@ def _mark_moments(panel: Any, curves: Measured) -> None:
                 (frame, 0.02),
                 xycoords=("data", "axes fraction"),
                 rotation=90,
-                fontsize=7,
+                fontsize=8,
             )
 
 

@@ -304,7 +304,7 @@ def write_plot(rows: list[BoxTests], path: Path) -> None:
     """Write a plot: Figure 2 as bars grouped by scene at the top, Figure 4 as curves coloured by scene below."""
     scenes = scenes_of(rows)
     with_curves = [scene for scene in scenes if any((r.scene, r.pixels) == (scene, PIXELS[-1]) for r in rows)]
-    with plot_sheet(path, max(7.0, 1.5 * len(scenes)), 8.0) as sheet:
+    with plot_sheet(path, 9.0) as sheet:
         above, below = sheet.subplots(2, 1)
         _draw_bars(above, rows, scenes)
         _draw_curves(below, rows, with_curves)
@@ -325,7 +325,8 @@ def _draw_bars(panel: Any, rows: list[BoxTests], scenes: list[str]) -> None:
     methods = [Patch(color=colour, label=method) for method, colour in zip(_BARS, _COLOURS)]
     classes = [Patch(facecolor="black", alpha=opaque, label=label) for _, label, opaque in reversed(_CLASSES)]
     panel.legend(handles=methods + classes, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
-    panel.set_xticks(range(len(scenes)), [scene.replace(", ", "\n") for scene in scenes], fontsize=8)
+    slanted: dict[str, Any] = {"rotation": 30, "ha": "right", "rotation_mode": "anchor"}
+    panel.set_xticks(range(len(scenes)), [scene.replace(", ", ",\n") for scene in scenes], fontsize=8, **slanted)
     panel.set_ylabel("box tests relative to random order")
     panel.grid(visible=False, axis="x")
 

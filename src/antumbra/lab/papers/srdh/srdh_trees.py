@@ -162,7 +162,7 @@ def write_trees(drawn: list[DrawnTree], frequent: NDArray[np.bool_], path: Path)
     A subtree is redder, the larger the share of the frequent occluders that lies in it. Its number is the number of its
     triangles. Red lines lead to children that come first by constant kernels, blue ones from nodes with other kernels.
     """
-    with plot_sheet(path, 13.0, 4.2 * len(drawn)) as sheet:
+    with plot_sheet(path, 3.6 * len(drawn)) as sheet:
         panels = sheet.subplots(len(drawn), 1, squeeze=False)
         for panel, tree in zip(panels[:, 0], drawn):
             panel.set_title(tree.title)
@@ -178,11 +178,11 @@ def _draw_tree(panel: Any, bvh: Bvh, frequent: NDArray[np.bool_]) -> None:
     for depth in range(DRAWN + 1):
         for at, x in level:
             panel.plot(
-                x, -depth, "o", color=(1.0, 1.0 - inside[at], 1.0 - inside[at]), markersize=11, mec="0.4", zorder=2
+                x, -depth, "o", color=(1.0, 1.0 - inside[at], 1.0 - inside[at]), markersize=9, mec="0.4", zorder=2
             )
             turned = {"rotation": 90, "va": "top"} if depth == DRAWN else {"va": "bottom"}
             above = -0.18 if depth == DRAWN else 0.16
-            panel.text(x, above - depth, f"{size[at]:,}", fontsize=6, ha="center", **turned)
+            panel.text(x, above - depth, f"{size[at]:,}", fontsize=8, ha="center", **turned)
         if depth < DRAWN:
             level = [below for at, x in level for below in _draw_children(panel, trees, at, x, depth)]
     panel.set(xlim=(0, 1), ylim=(-DRAWN - 0.9, 0.5))
