@@ -420,6 +420,21 @@ def _rival(r: Results) -> str:
     return f"{text}: `chcrt` {found[0]}, a rival that pages on demand with the same kernel and limit {found[1]}."
 
 
+def _where(r: Results) -> str:
+    """Which tables are of some scenes only, and which were not measured."""
+    stored, held = _store(r)["scene"], {s["scene"] for s in r["scenes"]} - {_store(r)["scene"]}
+    parts = []
+    for title, table in (("Table 4", "aggressive"), ("Table 5", "randomisation"), ("the ablation", "ablation")):
+        found = {turn["scene"] for turn in r.get(table, ())}
+        places = ["the city in memory" if found & held else "", "the store" if stored in found else ""]
+        parts.append(f"{title} is of {' and '.join(filter(None, places))}")
+    text = "; ".join(parts)
+    missing = [f"*{name}*" for name in ("mapped", "rival", "bounces") if not r.get(name)]
+    if missing:
+        text += f". {' and '.join(missing)}, which the paper has not, would take too long at this size"
+    return f"{text[0].upper()}{text[1:]}."
+
+
 CONDITIONS: tuple[Condition, ...] = (
     lambda r: (
         "**Attribution**: `chcrt` traces with the kernel of frusta. Its speedup over `single`, "
@@ -432,9 +447,7 @@ CONDITIONS: tuple[Condition, ...] = (
         f"**Sizes**: {at_size(r, '1920 x 1080')}; the ablation at {' x '.join(map(str, r['ablation_size']))}; at most "
         f"{max(s['triangles'] for s in r['scenes'] if s != _store(r)) / 1e6:.1f} M triangles in memory (the paper: "
         f"11.7 to 21.5 M) and {_store(r)['triangles'] / 1e6:.1f} M in the store (139 to 350 M), of whose chunks "
-        f"{100 * _store(r)['share']:.0f} % are in memory (20 to 47 %). Table 4 was measured in memory, "
-        "Table 5 and the ablation in the city only, and *mapped*, *rival* and *bounces*, which the paper has not, not "
-        "at all: at this size, they take too long."
+        f"{100 * _store(r)['share']:.0f} % are in memory (20 to 47 %). {_where(r)}"
     ),
     "**Frames**: the second of each walkthrough counts, and the first is shown beside it. CHC+RT still traces what the "
     "first frame found visible, which it queries every third frame.",
