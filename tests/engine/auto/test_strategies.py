@@ -305,7 +305,7 @@ def test_rates_of_an_earlier_frame_serve_a_camera_that_walks():
         assert not memory.rates(other)
     earlier = measured._replace(reason="earlier query", tried={})
     memory.learn(key(5, 8, 2), earlier, None)
-    assert memory.rates(key(5, 8, 2)) and not memory.rates(key(6, 8, 2))
+    assert memory.rates(key(5, 8, 2)) and memory.rates(key(6, 8, 2)) and not memory.rates(key(7, 8, 2))  # step by step
     memory.learn(key(5, 8, 2), earlier._replace(seconds=1e-3), None)
     assert not memory.rates(key(5, 8, 2)) and memory.rates(key(4, 8, 2))  # tried again with its own rays
     memory.begin()
