@@ -281,8 +281,8 @@ CLAIMS: tuple[Claim, ...] = (
     Claim(
         "7, Table 4",
         "20 pixels make diffuse rays about 3 times as fast (1.1 to 3.5)",
-        "{:.2f} to {:.2f} from the store, where they skip {:.0f} to {:.0f} % of the pairs and {:.0f} to {:.0f} % of the "
-        "bytes; in memory {:.2f} to {:.2f}",
+        "{:.2f} to {:.2f} from the store, where they skip {:.0f} to {:.0f} % of the pairs and {:.0f} to {:.0f} % of "
+        "the bytes; in memory {:.2f} to {:.2f}",
         lambda r: (
             *_aggressive(_table4(r, True), "chcrt:20")[:2],
             *(100 * x for count in ("traced pairs", "bytes") for x in _skipped(_table4(r, True), "chcrt:20", count)),
