@@ -1,6 +1,7 @@
 """The claims of the paper on multi-frusta tracing [Benthin and Wald 2009]."""
 
 from antumbra.lab.papers.multi_frusta.frusta_measurements import exponents
+from antumbra.lab.papers.multi_frusta.frusta_published import COUNTERS, pairs, shadow_factors
 
 from .claim import NO_GPU, RANGE, UNKNOWN, Claim, Condition, Results, at_size, spread
 
@@ -81,7 +82,8 @@ CLAIMS: tuple[Claim, ...] = (
     Claim(
         "Abstract, 5.1, 7",
         "soft shadows 3.34 to 6.11 times as fast as packets of 16 rays",
-        RANGE + "; with primary rays and shading, as in the paper, {:.2f} to {:.2f}; `multifrusta` {:.2f} to {:.2f}",
+        RANGE + "; with primary rays and shading, as the paper's (which also filters), {:.2f} to {:.2f}; `multifrusta` "
+        "{:.2f} to {:.2f}",
         lambda r: (
             *_factors(r, _S, "seconds"),
             *_with_primary(r),
@@ -123,10 +125,10 @@ CLAIMS: tuple[Claim, ...] = (
     ),
     Claim(
         "5.1",
-        "saves more box tests for shadow rays than for primary rays",
+        "in general saves more box tests for shadow rays than for primary rays (3 of 4 scenes)",
         "in {} of {} scenes",
         _better_for_shadows,
-        lambda better, scenes: better == scenes,
+        lambda better, scenes: better > scenes / 2,
         UNKNOWN,
     ),
     Claim(
@@ -214,7 +216,7 @@ CLAIMS: tuple[Claim, ...] = (
     Claim(
         "4.1, 4.2, Table 2",
         "frusta access only slightly more triangles than with box tests by rays, which save 14.8 %",
-        "{:.0f} to {:.0f} % of the triangles accessed",
+        "these save {:.0f} to {:.0f} %",
         lambda r: [-x for x in _change(r, "multifrusta:leaf-boxes", "triangles")[1::-1]],
         lambda low, high: high <= 20,
         UNKNOWN,
@@ -411,7 +413,21 @@ def _sizes(r: Results) -> str:
 
 _SIZE = "1024 x 1024"
 
+
+def _primary_rays(r: Results) -> str:
+    """What the paper's factors of shadow rays would be without primary rays, which its rows include."""
+    names = {**COUNTERS, "cycles": "time"}
+    found = {name: spread([shadow_factors(*pair)[field] for pair in zip(pairs("P"), pairs("S"))])[:2]
+             for field, name in names.items()}  # fmt: skip
+    text = ", ".join(f"{name} {low:.2f} to {high:.2f}" for name, (low, high) in found.items())
+    return (
+        "**Primary rays**: the paper's rows of shadow rays include the primary rays, and in their times shading and "
+        f"filtering; ours do not. Without primary rays and shading, its factors would be hardly different: {text}."
+    )
+
+
 CONDITIONS: tuple[Condition, ...] = (
     _sizes,
+    _primary_rays,
     "**Scenes**: the paper's T-Rex, Fern, Saloon and Fairy Forest are not at hand; ours are those of the tables.",
 )

@@ -313,12 +313,13 @@ CONDITIONS: tuple[Condition, ...] = (
         f"Figures 6 and 7, evenly spaced, at {at_size(r, '1024 x 1024', 'frame_size')}."
     ),
     lambda r: (
-        f"**Frames**: tracing all 800 by all variants would take {_whole_film(r):.0f} minutes of CPU time, beside "
-        "rendering them. With 95 % confidence, the median of all frames lies within "
+        f"**Frames**: tracing all 800 by all variants would take {_whole_film(r):.0f} minutes of CPU time. With 95 % "
+        "confidence, the median of all frames lies within "
         f"{_medians(r, 'PreciseSorted')} ms for the precise test with sorting, {_medians(r, 'Precise')} without, and "
         f"{_medians(r, 'SpheresSorted')} and {_medians(r, 'Spheres')} for spheres: this tells sorted variants apart, "
         "not the others. Claims about *all* frames were checked in these frames only."
     ),
+    "**Times** include building the hierarchy, but not the rays, which all variants share.",
     "**True by construction**: the precise test never tests more nodes than spheres, because it also rejects what the "
     "sphere test rejects.",
     "**Chosen views**: the report does not name its frames of the museum. Ours were chosen for the most and "

@@ -6,10 +6,11 @@ from document_numbers import values, where
 
 from antumbra.lab.papers.chc_rt.walkthroughs import SINGLE
 
-from .claim import RANGE, Claim, Condition, Results, spread
+from .claim import RANGE, Claim, Condition, Results, at_size, spread
 
 _SRDH = "srdh, published"
 _ORDERS = ("random", "front-to-back", "back-to-front", "rtsah")
+_OPPOSED = "sponza_crytek, two opposed lights"
 
 
 def _saved(r: Results, field: str) -> list[float]:
@@ -37,8 +38,13 @@ def _shallower(r: Results) -> tuple[int, int]:
 
 
 def _both(r: Results, pixels: int) -> list[float]:
-    """Time to build both trees, relative to the SAH tree."""
+    """Time to build both trees, with the rays and their hits, relative to the SAH tree."""
     return values(r["builds"], "both", pixels=pixels)
+
+
+def _without_rays(r: Results, pixels: int) -> list[float]:
+    """The same without making the rays and their hits."""
+    return [1 + row["published"] / row["sah_single"] for row in where(r["builds"], pixels=pixels)]
 
 
 def _same_unoccluded(r: Results) -> bool:
@@ -145,7 +151,7 @@ CLAIMS: tuple[Claim, ...] = (
     Claim(
         "4.1, Figure 3",
         "frequent occluders move towards the root: from depth 7 and 8 to 3",
-        "half of them lie less deep in {} of {} scenes; from depth {} to {} in `blinds`",
+        "half of them lie less deep in {} of {} scenes; in `blinds` at depth {} before and {} after",
         lambda r: (*_shallower(r), *values(r["trees"], "half", scene="blinds")),
         lambda n, scenes, *_: n > scenes / 2,
     ),
@@ -175,10 +181,11 @@ CLAIMS: tuple[Claim, ...] = (
     Claim(
         "Abstract, 4.2, Table 1",
         "both trees take 2.4 times as long to build as one, on average (16 x 16)",
-        "{:.2f} times",
-        lambda r: (fmean(_both(r, 16)),),
-        lambda mean: mean <= 2.45,
-        "probably because the SAH build is that much faster here, so that the rays weigh more",
+        "{:.2f} times; {:.2f} without making the rays and their hits",
+        lambda r: (fmean(_both(r, 16)), fmean(_without_rays(r, 16))),
+        lambda mean, _: mean <= 2.45,
+        "the SAH build is that much faster here that the rays weigh more",
+        "the paper does not say whether its times include them; ours do, unless they say otherwise",
     ),
     Claim(
         "5",
@@ -207,7 +214,7 @@ CLAIMS: tuple[Claim, ...] = (
         "Table 1",
         "SRDH takes 1.3 to 1.8 times as long to build as SAH (16 x 16)",
         RANGE,
-        lambda r: spread([row["published"] / row["sah_single"] for row in where(r["builds"], pixels=16)]),
+        lambda r: spread([both - 1 for both in _both(r, 16)]),
         lambda low, high, middle: middle <= 1.8,
     ),
     Claim(
@@ -216,7 +223,7 @@ CLAIMS: tuple[Claim, ...] = (
         "box tests change by {:+.1f} to {:+.1f} %; distance ones alone by {:+.1f} % with opposed lights",
         lambda r: (
             *spread([100 * x for x in values(r["kernel_gains"], "both")])[:2],
-            100 * values(r["kernel_gains"], "distance", scene="sponza_crytek, two opposed lights")[0],
+            100 * values(r["kernel_gains"], "distance", scene=_OPPOSED)[0],
         ),
         lambda low, high, _: max(-low, high) <= 3,
         "",
@@ -226,9 +233,14 @@ CLAIMS: tuple[Claim, ...] = (
     Claim(
         "4.3",
         "most nodes get a constant kernel, except with opposed lights",
-        "{:.1f} to {:.1f} % of the nodes get another",
-        lambda r: spread([100 * x for x in values(r["kernel_gains"], "chosen")])[:2],
-        lambda low, high: high < 50,
+        "{:.1f} to {:.1f} % of the nodes get another, {:.1f} % with opposed lights",
+        lambda r: (
+            *spread([100 * x for x in values(r["kernel_gains"], "chosen")])[:2],
+            100 * values(r["kernel_gains"], "chosen", scene=_OPPOSED)[0],
+        ),
+        lambda low, high, _: high < 50,
+        "",
+        "the exception does not show here, where opposed lights are seen at right angles",
     ),
     Claim(
         "4.3",
@@ -261,6 +273,9 @@ CLAIMS: tuple[Claim, ...] = (
 )
 
 CONDITIONS: tuple[Condition, ...] = (
-    "**Sizes**: counts at 1024 x 1024 as in the paper, times at 512 x 512. The scenes are not the paper's.",
+    lambda r: (
+        f"**Sizes**: counts at {at_size(r, '1024 x 1024')}, times at {' x '.join(map(str, r['timed_size']))}; further "
+        "lightings of a scene with half the width and height. The scenes are not the paper's."
+    ),
     "**Counts** are machine-independent, as in the paper; the judged scenes include lightings that the paper has not.",
 )

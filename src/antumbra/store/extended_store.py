@@ -40,7 +40,8 @@ class ExtendedStoreData(StoreData):
     """A store, and after its faces and objects those of a scene in memory, at rest.
 
     Its frame is that of the store. In memory, both together have another one if the plants reach beyond the bounds, or
-    if all coordinates of the store are those of float32: results then differ by the rounding of coordinates.
+    if all coordinates of the store are those of float32: results then differ by the rounding of coordinates. So does
+    the default camera, since a sample of all faces would have to be read from all chunks.
 
     Raises
     ------

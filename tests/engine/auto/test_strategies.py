@@ -291,6 +291,32 @@ def test_rates_are_forgotten_when_the_rays_change():
     assert not memory.rates(key)
 
 
+def test_rates_of_an_earlier_frame_serve_a_camera_that_walks():
+    """Similar sizes share rates, unless these turn out wrong, or the rates are of the same frame."""
+    memory = strategies.StrategyMemory()
+    key = lambda *sizes, kind="lamp", more=2: (kind, 1, 18, *sizes, QUICK, 5, more)
+    measured = strategies.StrategyChoice("wide", 1000, "sample", 1.0, {"wide": 100.0, "packet16": 200.0}, seconds=1e-4)
+    memory.learn(key(4, 8, 2), measured, None)
+    assert memory.rates(key(4, 8, 2)) and not memory.rates(key(5, 8, 2))  # another light of this frame
+    memory.begin()
+    for sizes in ((5, 8, 2), (3, 9, 1), (4, 8, 2)):
+        assert memory.rates(key(*sizes)) == {"wide": pytest.approx(100.0), "packet16": 200.0}
+    for other in (key(6, 8, 2), key(4, 8, 2, kind="sky"), key(4, 8, 2, more=3), ("few",), ("lamp", 1, 18)):
+        assert not memory.rates(other)
+    earlier = measured._replace(reason="earlier query", tried={})
+    memory.learn(key(5, 8, 2), earlier, None)
+    assert memory.rates(key(5, 8, 2)) and memory.rates(key(6, 8, 2)) and not memory.rates(key(7, 8, 2))  # step by step
+    memory.learn(key(5, 8, 2), earlier._replace(seconds=1e-3), None)
+    assert not memory.rates(key(5, 8, 2)) and memory.rates(key(4, 8, 2))  # tried again with its own rays
+    memory.begin()
+    memory.learn(key(5, 8, 2), measured._replace(tried={"wide": 900.0, "packet16": 50.0}), None)
+    memory.begin()
+    assert memory.rates(key(5, 8, 2))["packet16"] == memory.rates(key(6, 8, 2))["packet16"] == 50.0
+    for _ in range(100):
+        memory.begin()
+    assert not memory.rates(key(4, 8, 2)) and not memory.rates(key(5, 8, 2))
+
+
 def test_no_receivers_and_one_triangle():
     scene = at.Scene.from_arrays(np.array([[0, 0, 0], [1, 0, 0], [0, 0, 1.0]]), np.array([[0, 1, 2]]))
     away = at.Camera((0, 1, 0), (0, 2, 0), (1, 0, 0), width=20, height=12)

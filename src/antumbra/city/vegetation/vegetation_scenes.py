@@ -59,7 +59,8 @@ def from_trees(
         for each month from January to December; or the name of a column of shares.
     scene : Scene, or anything that `load` takes, optional
         The scene to which the plants are added; it stays unchanged. It must have no instances. A store keeps its frame,
-        to which the plants, in memory, are rounded, and its default camera fits all of them.
+        to which the plants, in memory, are rounded. Its default camera differs: it fits all plants and what the store
+        recorded, while that of a scene in memory fits a sample of all faces. Name a camera to compare both.
     shape : "ellipsoid" or "cone"
         Shape of the crowns: 48 or 14 triangles.
     base : number, str, or (n,) float, optional

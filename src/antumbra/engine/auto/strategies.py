@@ -193,9 +193,19 @@ class StrategyMemory:
         self.choices = []
 
     def rates(self, key: Key) -> dict[str, float]:
-        """Strategy -> nanoseconds per ray of earlier queries; empty if there are none, or they have expired."""
-        frame, rates = self._rates.get(key, (-_EXPIRY, {}))
-        return rates if self._frame - frame < _EXPIRY else {}
+        """Strategy -> nanoseconds per ray of earlier queries; empty if there are none, or they have expired.
+
+        While a camera walks, the sizes change from frame to frame: rates of an earlier frame with similar sizes serve.
+        """
+        return self._found(key)[1]
+
+    def _found(self, key: Key) -> tuple[int, dict[str, float]]:
+        """The frame in which rates were measured, and these rates."""
+        near = (
+            each for other, each in self._rates.items() if each[0] < self._frame and each[1] and _are_near(key, other)
+        )
+        frame, rates = self._rates.get(key) or max(near, key=lambda each: each[0], default=(-_EXPIRY, {}))
+        return frame, rates if self._frame - frame < _EXPIRY else {}
 
     def repeats(self, key: Key) -> int:
         """The number of similar queries whose strategy was predicted, with this one. All of them pay for a trial."""
@@ -212,17 +222,27 @@ class StrategyMemory:
         if not choice.rays:
             return
         self.ray_seconds = choice.seconds / choice.rays
-        rate, earlier_rates = 1e9 * self.ray_seconds, self.rates(key)
+        rate, (frame, earlier_rates) = 1e9 * self.ray_seconds, self._found(key)
         if choice.tried:
             self._rates[key] = self._frame, {**choice.tried, choice.strategy: rate}
             self._predicted.pop(key[:-1], None)
         elif rate > _CHANGE * earlier_rates.get(choice.strategy, np.inf):
-            self._rates.pop(key, None)
+            self._rates[key] = self._frame, {}  # instead of those of similar sizes
+        elif choice.reason == "earlier query":
+            self._rates.setdefault(key, (frame, earlier_rates))  # they follow the camera
         elif choice.reason == "prediction":
             self._predicted[key[:-1]] = self.repeats(key)
 
 
-_SIZES = 3  # index of the first size in a `feature_key`
+_SIZES, _SIZE_COUNT = 3, 3  # index of the first size in a `feature_key`, and their number
+
+
+def _are_near(one: Key, other: Key) -> bool:
+    """Whether two keys are equal but for their sizes, and these differ by a step at most."""
+    first, last = _SIZES, _SIZES + _SIZE_COUNT
+    if len(one) != len(other) or len(one) < last or one[:first] != other[:first] or one[last:] != other[last:]:
+        return False
+    return all(abs(int(a) - int(b)) <= 1 for a, b in zip(one[first:last], other[first:last]))
 
 
 def feature_key(features: QueryFeatures) -> Key:

@@ -30,3 +30,15 @@ def test_factors_are_shown_as_printed_and_those_that_contradict_their_rows_are_n
         "Saloon, P, #tris",
         "Fairy Forest, P, +culling",
     ]
+
+
+def test_the_factors_of_shadow_rays_alone_hardly_differ_from_those_with_primary_rays():
+    for primary, both in zip(frusta_published.pairs("P"), frusta_published.pairs("S")):
+        assert {row.scene for row in (*primary, *both)} == {both[0].scene}
+        factors = frusta_published.shadow_factors(primary, both)
+        assert list(factors) == [*frusta_published.COUNTERS, "cycles"]
+        for field, factor in factors.items():
+            assert factor == pytest.approx(getattr(both[0], field) / getattr(both[1], field), rel=0.07)
+    trex = frusta_published.shadow_factors(frusta_published.pairs("P")[0], frusta_published.pairs("S")[0])
+    assert trex["box_tests"] == pytest.approx((36234 - 1218) / (1518 - 58))
+    assert trex["cycles"] == pytest.approx((2572 - 104.3) / (635 - 29.6))

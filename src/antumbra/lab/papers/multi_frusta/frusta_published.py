@@ -91,6 +91,19 @@ def pairs(rays: str) -> list[Pair]:
     return list(zip(rows[::2], rows[1::2]))
 
 
+def shadow_factors(primary: Pair, both: Pair) -> dict[str, float]:
+    """The factors of a scene's S rows without its primary rays and their shading, by the names of the fields."""
+    factors = {}
+    for field in (*COUNTERS, "cycles"):
+        packets, frusta = (getattr(s, field) - getattr(p, _PRIMARY.get(field, field)) for p, s in zip(primary, both))
+        factors[field] = packets / frusta
+    return factors
+
+
+_PRIMARY = {"cycles": "with_shading"}
+"""Field of an S row -> the field of a P row that it includes, if it has another name."""
+
+
 def printed_factor(pair: Pair, field: str) -> str:
     """A factor of a row Reduction of Table 1, as printed."""
     return FACTORS[pair[0].scene, pair[0].rays].split()[FACTOR_FIELDS.index(field)]

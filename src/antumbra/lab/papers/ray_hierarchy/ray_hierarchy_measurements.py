@@ -1,9 +1,10 @@
 """Measures Figures 6 and 7 and Table 2 of the report on ray hierarchies [Olsson and Assarsson 2011].
 
-Each variant builds cones from the shadow rays of a picture, one per pixel, and traces the triangles through them. Times
-are of the phase `trace` of a frame, which includes building the cones. Variants alternate within each round, and the
-median of the rounds counts; slow variants run once. Smaller pictures predict the time of a variant, which is not run if
-it would take too long; predictions decide nothing else, and no table or claim contains them.
+Each variant builds cones from the shadow rays of a picture, one per pixel, and traces the triangles through them. All
+variants get the same rays, which are made once. Times include building the cones, but not finding the surfaces or
+making the rays. Variants alternate within each round, and the median of the rounds counts; slow variants run once.
+Smaller pictures predict the time of a variant, which is not run if it would take too long; predictions decide nothing
+else, and no table or claim contains them.
 """
 
 from collections.abc import Iterable, Sequence
@@ -12,10 +13,19 @@ from statistics import fmean, geometric_mean, median, pstdev
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ....base.errors import InputError
-from ....picture.frame import Frame
-from ....picture.renderer import Renderer
+from ....base.progress import clock_seconds
+from ....engine.accelerator import Accelerator
+from ....engine.auto_accelerator import accelerator_of
+from ....engine.plan import parse_plan
+from ....engine.plan_records import precompile_plan
+from ....engine.primary_visibility import RASTER
+from ....picture.frame_request import PictureQueries, TimeSample, build_for, picture_queries
+from ....picture.render_options import RenderOptions
+from ....query.shadow_query import ray_count
+from ....trace.counters import as_dict, new_counters
 from ...bench_parts import BenchParts
 from ..bench_runner import Say, interleave
 from ..benchmark_views import digest
@@ -41,6 +51,7 @@ SHRINK = (8, 4)
 """Divisors of the width and height for the smaller pictures, which are traced first. The prediction assumes that each
 doubling multiplies seconds by the same factor as between these two, but by no more than the rays."""
 
+_SMALL = 16, 16  # pixels of the picture that loads the kernels where there are no predictions
 
 SLOW = 3.0
 """Seconds in one picture above which a variant is not repeated in further rounds."""
@@ -66,7 +77,7 @@ class Cost(NamedTuple):
     nodes: int | None = None  # tested pairs of a triangle and a cone
     passed: int | None = None  # tested pairs with a possible intersection
     tests: int | None = None  # ray tests of up to 16 rays
-    seconds: float | None = None  # time of the phase `trace`
+    seconds: float | None = None  # to build the cones and trace the triangles
     bits: bytes | None = None  # digest of the answer
     rounds: int | None = None  # how often it was measured
 
@@ -80,63 +91,87 @@ class Effort(NamedTuple):
     cull_faces: str | None = None  # triangle side, as seen from the receiver, that does not block; published: "back"
 
 
+class Answer(NamedTuple):
+    """One variant's answer to the shadow rays of a picture."""
+
+    seconds: float
+    counters: dict[str, int]
+    bits: NDArray[np.uint64]
+
+
+def _answer(accelerator: Accelerator, rays: PictureQueries) -> Answer:
+    (query,), tally = rays.queries, new_counters()
+    accelerator.begin(ray_count(query))
+    accelerated = build_for(accelerator, rays)
+    start = clock_seconds()
+    bits = accelerator.answer(accelerated, query, tally)
+    return Answer(clock_seconds() - start, as_dict(tally), bits)
+
+
 def measure(picture: PictureCase, effort: Effort, say: Say) -> tuple[PictureRays, list[Cost]]:
     """Measure all variants in one picture; InputError if its camera sees nothing."""
     plans = PLANS if effort.cull_faces is None else CULLING_PLANS
-    renderers = {name: Renderer(picture.scene, plan, effort.threads) for name, plan in plans.items()}
-    limit = effort.limit
+    variants = {name: accelerator_of(parse_plan(plan), effort.threads) for name, plan in plans.items()}
+    options = RenderOptions(spp=1, cull_faces=effort.cull_faces)
+    for plan in (REFERENCE, *plans.values()):
+        precompile_plan(parse_plan(plan), RASTER, True)
 
-    def trace(name: str, renderer: Renderer, shrink: int = 1) -> Frame:
-        camera = picture.camera.resized(*(max(n // shrink, 1) for n in (picture.camera.width, picture.camera.height)))
-        say(f"{picture.name}, {name}, {camera.width} x {camera.height}")
-        return renderer.render(
-            camera, [picture.light], spp=1, time=picture.time, counters=True, cull_faces=effort.cull_faces
-        )
+    def rays_at(width: int, height: int) -> PictureQueries:
+        say(f"{picture.name}, surfaces, {width} x {height}")
+        moment = TimeSample(picture.time, picture.camera.resized(width, height), [picture.light])
+        return picture_queries(picture.scene, moment, options, effort.threads)
 
-    frame = trace(REFERENCE, Renderer(picture.scene, REFERENCE, effort.threads))
-    if not frame.rays:
+    def answer(name: str, rays: PictureQueries) -> Answer:
+        height, width = rays.gbuffer.face.shape
+        say(f"{picture.name}, {name}, {width} x {height}")
+        return _answer(variants[name], rays)
+
+    size, limit = (picture.camera.width, picture.camera.height), effort.limit
+    rays = rays_at(*size)
+    truth = _answer(accelerator_of(parse_plan(REFERENCE), effort.threads), rays)
+    if not ray_count(rays.queries[0]):
         raise InputError(f"{picture.name}: the camera sees nothing; choose a scene whose camera sees something")
+    smaller = [_SMALL] if limit is None else [(max(size[0] // n, 1), max(size[1] // n, 1)) for n in SHRINK]
+    few = [rays_at(*each) for each in smaller]
+    first_answers = {name: [answer(name, each) for each in few] for name in variants}
     if limit is not None:
-        predicted = {name: _predicted(*(trace(name, r, part) for part in SHRINK)) for name, r in renderers.items()}
-        renderers = {name: r for name, r in renderers.items() if predicted[name] <= limit}
+        variants = {name: a for name, a in variants.items() if _predicted(*first_answers[name]) <= limit}
 
     first: dict[str, Cost] = {}
 
     def seconds(name: str, turn: int) -> float | None:
         if turn and (first[name].seconds or 0.0) > SLOW:
             return None
-        shown = trace(name, renderers[name])
-        first.setdefault(name, _cost(picture.name, name, shown))
-        return shown.timings["trace"]
+        answered = answer(name, rays)
+        first.setdefault(name, _cost(picture.name, name, answered))
+        return answered.seconds
 
-    laps = interleave(renderers, effort.rounds, seconds)
+    laps = interleave(variants, effort.rounds, seconds)
     costs = [
         first[name]._replace(seconds=median(laps[name]), rounds=len(laps[name]))
         if name in first
         else Cost(picture.name, name)
         for name in plans
     ]
-    return _picture_rays(picture, frame), costs
+    return _picture_rays(picture, rays, truth), costs
 
 
-def _cost(picture: str, variant: str, frame: Frame) -> Cost:
-    assert frame.counters is not None
-    nodes, passed, tests = (frame.counters[name] for name in ("nodes", "candidates", "triangle_tests"))
-    return Cost(picture, variant, nodes, passed, tests, frame.timings["trace"], digest(frame.bits))
+def _cost(picture: str, variant: str, answer: Answer) -> Cost:
+    nodes, passed, tests = (answer.counters[name] for name in ("nodes", "candidates", "triangle_tests"))
+    return Cost(picture, variant, nodes, passed, tests, answer.seconds, digest([answer.bits]))
 
 
-def _predicted(smallest: Frame, small: Frame) -> float:
+def _predicted(smallest: Answer, small: Answer) -> float:
     """Predict the seconds of the full picture from two smaller ones."""
-    assert smallest.counters is not None and small.counters is not None
     doublings = np.log2(SHRINK[1]) / np.log2(SHRINK[0] / SHRINK[1])
     growth = (small.counters["nodes"] / max(smallest.counters["nodes"], 1)) ** doublings
-    return float(min(growth, SHRINK[1] ** 2) * small.timings["trace"])
+    return float(min(growth, SHRINK[1] ** 2) * small.seconds)
 
 
-def _picture_rays(picture: PictureCase, frame: Frame) -> PictureRays:
-    blocked = int(np.bitwise_count(frame.bits[0]).sum())
+def _picture_rays(picture: PictureCase, rays: PictureQueries, truth: Answer) -> PictureRays:
+    blocked, count = int(np.bitwise_count(truth.bits).sum()), ray_count(rays.queries[0])
     fields = picture.name, picture.of, picture.frame, picture.scene.n_triangles
-    return PictureRays(*fields, frame.rays, blocked, digest(frame.bits))
+    return PictureRays(*fields, count, blocked, digest([truth.bits]))
 
 
 class Measured(NamedTuple):
