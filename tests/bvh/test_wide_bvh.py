@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from antumbra.bvh import wide_bvh
 from antumbra.bvh.nodes import EMPTY, GROUP_WORDS, LINK, LINKS, NO_CHILD, WIDTH, bvh_leaf
-from antumbra.bvh.refit import refit_faces
 from antumbra.bvh.tree_quality import validate
-from antumbra.bvh.wide_bvh import refit_wide, widen
+from antumbra.bvh.wide_bvh import widen
+from antumbra.bvh.wide_refit import refit_parts, refit_wide
 from antumbra.engine.method_registry import BUILDERS
 from antumbra.kernels.array_pool import ArrayPool
 from bvh_scenes import HAZARDS
@@ -127,20 +127,20 @@ def test_refitted_to_any_soup(vertices, seed, threads):
     if len(vertices) < 2:
         return
     wide, rng, pool = widen(bvh, 2), np.random.default_rng(seed), ArrayPool()
+    parts = refit_parts(wide)
     for _ in range(3):
         moved = vertices[rng.permutation(len(vertices))] * np.float32(rng.uniform(-2, 2))
         moved[rng.random(len(moved)) < 0.1] = moved[0, 0]
-        bvh = refit_faces(bvh, moved, threads, pool)
-        validate(bvh, moved)
-        wide = refit_wide(wide, bvh, threads, pool)
-        _check_tree(wide, bvh, moved)
+        wide = refit_wide(wide, parts, moved, threads, pool)
+        validate(wide.bvh, moved)
+        _check_tree(wide, wide.bvh, moved)
 
 
 def test_refitting_to_the_same_triangles_changes_nothing():
     vertices = np.ascontiguousarray(HAZARDS["large, scattered"], np.float32)
     bvh = BUILDERS["bsah"].build(vertices)
     wide = widen(bvh)
-    again = refit_wide(wide, refit_faces(bvh, vertices, 2, ArrayPool()), 2, ArrayPool())
+    again = refit_wide(wide, refit_parts(wide), vertices, 2, ArrayPool())
     assert all(a.tobytes() == b.tobytes() for a, b in zip(wide[:4], again[:4])) and wide.reach == again.reach
 
 
