@@ -36,7 +36,7 @@ from ..kernels.simd import (
 from .binned_split import divide, find_split, source_of
 from .nodes import LINK, MAX_DEPTH, Bvh, Tree, aligned_empty, bvh_link, line_at, link_at
 from .top_levels import Subtrees, UpperLevels
-from .triangle_bounds import INF, half_area, range_bounds, record_id, write_boxes
+from .triangle_bounds import half_area, range_bounds, record_id, write_boxes
 
 # --- Optimal subtrees -------------------------------------------------------------------------------------------------
 

@@ -18,7 +18,6 @@ from ..kernels.simd import (
     extract,
     get,
     load8,
-    load16,
     mask_from_bits8,
     maximum,
     minimum,
@@ -303,22 +302,47 @@ def _corners_of(corners, slots, lane):
 
 
 @inlined
-def fill_group(corners, slots, last, words):
-    """Write the triangles in eight slots to a group's rows; unused lanes are zero, and `last` is scratch memory."""
+def group_box(columns, z2, used):
+    """The lower and the upper corner of the triangles in the `used` lanes (mask), as for `write_group`, per lane."""
+    x, y, z, x1, y1, z1, x2, y2 = columns
+    return (
+        (
+            select(used, minimum(minimum(x, x1), x2), _INF),
+            select(used, minimum(minimum(y, y1), y2), _INF),
+            select(used, minimum(minimum(z, z1), z2), _INF),
+        ),
+        (
+            select(used, maximum(maximum(x, x1), x2), -_INF),
+            select(used, maximum(maximum(y, y1), y2), -_INF),
+            select(used, maximum(maximum(z, z1), z2), -_INF),
+        ),
+    )
+
+
+@inlined
+def write_group(columns, z2, used, words):
+    """Write triangles to a group's rows, zero in lanes that are not `used` (mask); columns, z2: their nine numbers."""
+    x, y, z, x1, y1, z1, x2, y2 = columns
+    x1, y1, z1, x2, y2, z2 = x1 - x, y1 - y, z1 - z, x2 - x, y2 - y, z2 - z
+    a, b = maximum(maximum(absolute(x1), absolute(y1)), absolute(z1)), maximum(absolute(x2), absolute(y2))
+    largest, zero = maximum(maximum(a, b), absolute(z2)), np.float32(0.0)
+    rows = x, y, z, x1, y1, z1, x2, y2, z2, largest
+    for k in range(10):
+        store(words, WIDTH * k, select(used, rows[k], zero))
+
+
+@inlined
+def _fill_group(corners, slots, last, words):
+    """Write the triangles in eight slots to a group's rows; `last` is scratch memory."""
     for lane in range(WIDTH):
         put(last, lane, get(corners, 9 * max(np.int64(get(slots, lane)), 0) + 8))
-    x, y, z, x1, y1, z1, x2, y2 = transposed8(
+    columns = transposed8(
         _corners_of(corners, slots, 0), _corners_of(corners, slots, 1),
         _corners_of(corners, slots, 2), _corners_of(corners, slots, 3),
         _corners_of(corners, slots, 4), _corners_of(corners, slots, 5),
         _corners_of(corners, slots, 6), _corners_of(corners, slots, 7),
     )  # fmt: skip
-    x1, y1, z1, x2, y2, z2 = x1 - x, y1 - y, z1 - z, x2 - x, y2 - y, load8(last, 0) - z
-    a, b = maximum(maximum(absolute(x1), absolute(y1)), absolute(z1)), maximum(absolute(x2), absolute(y2))
-    largest, used, zero = maximum(maximum(a, b), absolute(z2)), load8(slots, 0) >= np.int32(0), np.float32(0.0)
-    rows = x, y, z, x1, y1, z1, x2, y2, z2, largest
-    for k in range(10):
-        store(words, WIDTH * k, select(used, rows[k], zero))
+    write_group(columns, load8(last, 0), load8(slots, 0) >= np.int32(0), words)
 
 
 @kernel
@@ -331,7 +355,7 @@ def _fill_groups(ticket, corners, slots, groups, areas):
             for k in range(GROUP_WORDS):
                 groups[group, k] = np.float32(0.0)
             continue
-        fill_group(values, of_group, last, ptr_at(words, group * GROUP_WORDS))
+        _fill_group(values, of_group, last, ptr_at(words, group * GROUP_WORDS))
         if areas is not None:
             lane = 0
             while lane < WIDTH and get(of_group, lane) >= 0:

@@ -8,13 +8,10 @@ most about twice the minimum.
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ..bvh.nodes import WideBvh
 from ..bvh.refit import LIMIT
 from ..bvh.wide_bvh import wide_cost
-from ..bvh.wide_refit import RefitParts, refit_parts, refit_wide
+from ..bvh.wide_refit import WideRefit, refit_wide, wide_refit
 from ..kernels.array_pool import ArrayPool
 from ..scene.triangles import Triangles
 from .accelerator import Accelerated, Accelerator
@@ -26,7 +23,7 @@ class _BuiltTree(NamedTuple):
     """A tree as it was built."""
 
     cost: float  # `wide_cost`
-    parts: RefitParts
+    refit: WideRefit
 
 
 class RayTreeRefit:
@@ -64,9 +61,9 @@ class RayTreeRefit:
         if n < 2 or not are_equal_faces(latest.triangles.solid, triangles.solid):
             return None
         if self._built is None:
-            self._built = _BuiltTree(wide_cost(wide, self._threads), refit_parts(wide))
+            self._built = _BuiltTree(wide_cost(wide, self._threads), wide_refit(wide))
         built = self._built
-        prepared = refit_wide(wide, built.parts, triangles.vertices, self._threads, self._pool)
+        prepared = refit_wide(built.refit, triangles.vertices, self._threads, self._pool)
         growth = max(wide_cost(prepared, self._threads) / built.cost, 1.0)
         expected = rays * RAY_SECONDS * growth * _lost_share(growth)
         if rebuild_pays(self._lost + expected, GOOD, n):

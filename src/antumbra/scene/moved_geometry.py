@@ -139,7 +139,7 @@ class MovableMeshes:
     def rest_on(self, given: NDArray[Any], triangles: Triangles, exact: bool) -> None:
         """Make these triangles, which have the `given` vertices, the rest geometry.
 
-        The given vertices are copied only if they cannot be restored from those in the frame, which is then not `exact`.
+        The given vertices are copied unless they can be restored from those in the frame, which is then `exact`.
         """
         if exact:
             self.rest_in_frame(triangles, True)

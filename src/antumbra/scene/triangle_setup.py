@@ -20,14 +20,19 @@ from ..kernels.simd import (
     f64_at,
     get,
     i32_at,
+    load4,
     load8,
     lowest_bit,
+    mask_from_bits4,
     maximum,
     minimum,
     ptr,
+    ptr_at,
     put,
     reduce_max,
     reduce_min,
+    select,
+    shuffle,
     splat8,
     stack_f32,
     store,
@@ -99,15 +104,29 @@ _IN_PLACE = FacesOfCopies(0, 0, 0, 0)
 
 
 @inlined
-def _gather_rows(faces, first, last, rows):
-    """Write the corners of faces of a `FacesOfCopies`."""
+def _write_row(positions, a, b, c, row):
+    """Write three vertices to a row of nine numbers. Memory behind the last vertex is read."""
+    v1, v2 = load4(positions, 3 * b), load4(positions, 3 * c)
+    store(row, 0, load4(positions, 3 * a))
+    store(row, 3, v1)
+    store(row, 5, select(mask_from_bits4(1), shuffle(v1, 2, 2, 2, 2), shuffle(v2, 3, 0, 1, 2)))
+
+
+@inlined
+def _gather_rows(faces, first, last, rows, padded):
+    """Write the corners of faces of a `FacesOfCopies`; padded: whether a number follows the last vertex."""
     positions, indices, n = f32_at(faces.positions), i32_at(faces.indices), faces.n_faces
     copy, face = first // n, first % n
     for i in range(first, last):
-        for corner in range(3):
-            vertex = copy * faces.n_vertices + get(indices, 3 * face + corner)
-            for k in range(3):
-                put(rows, 9 * i + 3 * corner + k, get(positions, 3 * vertex + k))
+        start, at = copy * faces.n_vertices, 3 * face
+        if padded:
+            a, b, c = start + get(indices, at), start + get(indices, at + 1), start + get(indices, at + 2)
+            _write_row(positions, a, b, c, ptr_at(rows, 9 * i))
+        else:
+            for corner in range(3):
+                vertex = start + get(indices, at + corner)
+                for k in range(3):
+                    put(rows, 9 * i + 3 * corner + k, get(positions, 3 * vertex + k))
         face += 1
         if face == n:
             copy, face = copy + 1, 0
@@ -117,7 +136,7 @@ def _gather_rows(faces, first, last, rows):
 def _gather(ticket, faces, out):
     """Worker: write the corners of the faces of a `FacesOfCopies`; `out`: an address."""
     for first, last in shares(ticket):
-        _gather_rows(faces, first, last, f32_at(out))
+        _gather_rows(faces, first, last, f32_at(out), False)
 
 
 class Gathered(NamedTuple):
@@ -141,7 +160,7 @@ class _FacesInFrame(NamedTuple):
 
 def _faces_in_frame(piece: Piece, origin: np.ndarray, threads: int) -> _FacesInFrame:
     """The faces of a piece that has any, with its vertices in the frame at `origin`."""
-    local = np.empty(piece.vertices.shape, np.float32)
+    local = np.empty(piece.vertices.size + 1, np.float32)[:-1].reshape(piece.vertices.shape)  # padded
     exact = _recentre_piece(piece, origin, local, threads)
     return _FacesInFrame(local, np.ascontiguousarray(piece.faces, np.int32), exact)
 
@@ -331,7 +350,7 @@ def _survey(ticket, faces, corners, has_areas, faults, limits):
     v, ninth, flat = ptr(corners), stack_f32(8), ptr(limits)
     for first, last in shares(ticket):
         if faces.indices != 0:
-            _gather_rows(faces, first, last, v)
+            _gather_rows(faces, first, last, v, True)
         if not _scan(v, first, last, ninth, has_areas, flat, first // ticket[CHUNK] * 6):
             faults[0] = True
 
