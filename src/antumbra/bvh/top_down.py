@@ -36,7 +36,7 @@ from ..kernels.simd import (
 from .binned_split import divide, find_split, source_of
 from .nodes import LINK, MAX_DEPTH, Bvh, Tree, aligned_empty, bvh_link, line_at, link_at
 from .top_levels import Subtrees, UpperLevels
-from .triangle_bounds import half_area, range_bounds, record_id, write_boxes
+from .triangle_bounds import INF, half_area, range_bounds, record_id, write_boxes
 
 # --- Optimal subtrees -------------------------------------------------------------------------------------------------
 
@@ -51,79 +51,44 @@ class SubsetPlans(NamedTuple):
     """The optimal tree over each subset of the records. The bits of a subset's index are its records."""
 
     boxes: F32Ptr  # (16, 8) float32
+    cost: F32Ptr  # (16,) float32
     left: I32Ptr  # (16,) int32: the subset that becomes the left child; 0 for a leaf
 
 
-@inlined
-def _plan_one(record, subset, scale, plans):
-    """Plan the leaf of one record, and return its cost."""
-    store(plans.boxes, subset * 8, record)
-    put(plans.left, subset, 0)
-    return half_area(record, scale)
-
-
-@inlined
-def _plan_more(box, subset, division, max_leaf, scale, plans):
-    """Plan a leaf of two records or more, or their cheapest `division`: (cost, left child). Return the cost."""
-    area, size, (cost, left) = half_area(box, scale), popcount(subset), division
-    leaf, divided = np.float32(size) * area, cost + area
-    divides = size > max_leaf or divided < leaf
-    store(plans.boxes, subset * 8, box)
-    put(plans.left, subset, left if divides else 0)
-    return divided if divides else leaf
-
-
-@inlined
-def _cheaper(division, cost, left):
-    """A division, (cost, left child), or another one if that is cheaper."""
-    return (cost, left) if cost < division[0] else division
-
-
-@inlined
-def _cheapest(first, second, third):
-    """The cheapest of three divisions, (cost, left child)."""
-    return _cheaper(_cheaper(first, second[0], second[1]), third[0], third[1])
+@kernel
+def _cheapest_halves(cost, subset):
+    """(cost, left child) of the cheapest division of a subset of two or more records."""
+    low = subset & -subset
+    others = subset ^ low
+    best, best_half = INF, low
+    part = (others - 1) & others
+    while True:
+        half = low | part
+        both = get(cost, half) + get(cost, subset ^ half)
+        if both < best:
+            best, best_half = both, half
+        if part == 0:
+            return best, best_half
+        part = (part - 1) & others
 
 
 @kernel
-def _plan(records, first, n, is_root, settings, plans):
-    """Fill `plans` for `n` records from `first` on. Visiting a node and testing a triangle cost 1 each.
-
-    Without loops over subsets, the processor prices several of them at once.
-    """
-    scale, most, at = settings.scale, settings.max_leaf, first * 8
-    of_all = 0 if is_root else most  # the root of the whole tree is never a leaf
-    b1 = load8(records, at)
-    c1 = _plan_one(b1, 1, scale, plans)
-    if n == 1:
-        return
-    b2 = load8(records, at + 8)
-    b3, c2 = minimum(b1, b2), _plan_one(b2, 2, scale, plans)
-    c3 = _plan_more(b3, 3, (c1 + c2, 1), of_all if n == 2 else most, scale, plans)
-    if n == 2:
-        return
-    b4 = load8(records, at + 16)
-    b6, c4 = minimum(b2, b4), _plan_one(b4, 4, scale, plans)
-    c5 = _plan_more(minimum(b1, b4), 5, (c1 + c4, 1), most, scale, plans)
-    c6 = _plan_more(b6, 6, (c2 + c4, 2), most, scale, plans)
-    three = _cheapest((c5 + c2, 5), (c3 + c4, 3), (c1 + c6, 1))
-    c7 = _plan_more(minimum(b1, b6), 7, three, of_all if n == 3 else most, scale, plans)
-    if n == 3:
-        return
-    b8 = load8(records, at + 24)
-    b10, b12, c8 = minimum(b2, b8), minimum(b4, b8), _plan_one(b8, 8, scale, plans)
-    c9 = _plan_more(minimum(b1, b8), 9, (c1 + c8, 1), most, scale, plans)
-    c10 = _plan_more(b10, 10, (c2 + c8, 2), most, scale, plans)
-    c12 = _plan_more(b12, 12, (c4 + c8, 4), most, scale, plans)
-    three = _cheapest((c9 + c2, 9), (c3 + c8, 3), (c1 + c10, 1))
-    c11 = _plan_more(minimum(b1, b10), 11, three, most, scale, plans)
-    three = _cheapest((c9 + c4, 9), (c5 + c8, 5), (c1 + c12, 1))
-    c13 = _plan_more(minimum(b1, b12), 13, three, most, scale, plans)
-    three, b14 = _cheapest((c10 + c4, 10), (c6 + c8, 6), (c2 + c12, 2)), minimum(b2, b12)
-    c14 = _plan_more(b14, 14, three, most, scale, plans)
-    four = _cheapest((c13 + c2, 13), (c11 + c4, 11), (c9 + c6, 9))
-    four = _cheapest(four, (c7 + c8, 7), (c5 + c10, 5))
-    _plan_more(minimum(b1, b14), 15, _cheapest(four, (c3 + c12, 3), (c1 + c14, 1)), of_all, scale, plans)
+def _plan(records, first, n, max_leaf, scale, plans):
+    """Fill `plans` for `n` records from `first` on. Visiting a node and testing a triangle cost 1 each."""
+    for subset in range(1, 1 << n):
+        others = subset & (subset - 1)
+        box = load8(records, (first + lowest_bit(subset)) * 8)
+        if others != 0:
+            box = minimum(box, load8(plans.boxes, others * 8))
+        store(plans.boxes, subset * 8, box)
+        area, size = half_area(box, scale), popcount(subset)
+        cost, half = np.float32(size) * area, 0
+        if size > 1:
+            divided, halves = _cheapest_halves(plans.cost, subset)
+            if size > max_leaf or divided + area < cost:
+                cost, half = divided + area, halves
+        put(plans.cost, subset, cost)
+        put(plans.left, subset, half)
 
 
 @kernel
@@ -134,10 +99,12 @@ def build_optimal_subtree(records, first, n, settings, out, next_node, slot, is_
     """
     # In: records, float32 *, of which `n` from `first` on are used; settings, max_leaf and scale; is_root, bool
     # Out: out, a `Tree`, nodes from `next_node` on; out.links[slot], the link to the tree
-    plans = SubsetPlans(stack_f32(_SUBSET_BOXES), stack_i32(_SUBSETS))
+    plans = SubsetPlans(stack_f32(_SUBSET_BOXES), stack_f32(_SUBSETS), stack_i32(_SUBSETS))
     todo = stack_i32(_TODO)
     everything = np.int64((1 << n) - 1)
-    _plan(records, first, n, is_root, settings, plans)
+    _plan(records, first, n, settings.max_leaf, settings.scale, plans)
+    if is_root and get(plans.left, everything) == 0:
+        put(plans.left, everything, _cheapest_halves(plans.cost, everything)[1])
     put(todo, 0, everything)
     put(todo, 1, slot)
     height, cursor = 1, first
