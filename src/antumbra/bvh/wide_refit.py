@@ -67,7 +67,7 @@ _AHEAD = 32  # prefetch distance in slots
 class WideRefit(NamedTuple):
     """A wide BVH to be refitted, and its parts. Where a child of a binary node is no group, its group is -1."""
 
-    wide: WideBvh  # with groups in the order of slots, and a binary BVH whose leaves they are; boxes are undefined
+    wide: WideBvh  # without triangles and boxes; groups in the order of slots are the leaves of its binary BVH
     groups: NDArray[np.int32]  # (m, 2) int32: the group of each child of a binary node
     cut: TreeFrontier  # of the binary BVH, into s parts
     group_ranges: NDArray[np.int64]  # (s, 2) int64: first group of each part, and end
@@ -124,9 +124,10 @@ def _with_group_leaves(wide: WideBvh) -> tuple[WideBvh, NDArray[np.int32]]:
     groups = np.empty((len(bvh.nodes), 2), np.int32)
     m = _collapse_groups(bvh.links, slots, group_of, lines.view(np.int32), numbers, groups)
     children[:] = 2 * numbers[children >> 1] + (children & 1)
-    lines = lines[:m]
-    collapsed = Bvh(lines, lines.view(np.int32), bvh.prim_ids, bvh.corners)
-    return wide._replace(nodes=nodes, links=links, slots=slots, bvh=collapsed), groups[:m].copy()
+    lines = lines[:m].copy()
+    collapsed = Bvh(lines, lines.view(np.int32), bvh.prim_ids, bvh.corners[:0].copy())
+    old = wide.groups[:0].copy()  # triangles are not kept, since each refit writes them anew
+    return WideBvh(nodes, links, old, slots, wide.reach, collapsed), groups[:m].copy()
 
 
 def wide_refit(wide: WideBvh) -> WideRefit:
@@ -286,8 +287,8 @@ def refit_wide(refit: WideRefit, vertices: NDArray[np.float32], threads: int, po
     Children keep their order. The result is identical for any number of threads, and its arrays are in recycled memory.
     """
     wide, s = refit.wide, len(refit.cut.parts)
-    nodes, groups = pool.empty(wide.nodes.shape, np.float32), pool.empty(wide.groups.shape, np.float32)
-    lines, corners = pool.empty(wide.bvh.nodes.shape, np.float32), pool.empty(wide.bvh.corners.shape, np.float32)
+    nodes, groups = pool.empty(wide.nodes.shape, np.float32), pool.empty((len(wide.slots), GROUP_WORDS), np.float32)
+    lines, corners = pool.empty(wide.bvh.nodes.shape, np.float32), pool.empty((len(wide.bvh.prim_ids), 9), np.float32)
     bvh = Bvh(lines, lines.view(np.int32), wide.bvh.prim_ids, corners)
     new = WideBvh(nodes, nodes.view(np.int32), groups, wide.slots, wide.reach, bvh)
     boxes = pool.empty((len(groups), 8), np.float32)
