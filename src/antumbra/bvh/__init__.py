@@ -14,7 +14,8 @@
 - `tree_layout`: depth-first relayout, and the frontier that cuts a tree into parts
 - `child_order`: child orders for any-hit rays
 - `block_tree`: a shallower tree over blocks of 16 triangles, for ray bundles
-- `wide_bvh`: an eight-wide BVH collapsed from a binary one and refitted with it
+- `wide_bvh`: an eight-wide BVH collapsed from a binary one
+- `wide_refit`: an eight-wide BVH refitted to moved triangles
 - `instance_trees`: a tree per mesh, and one over its copies
 - `tree_quality`: validation, SAH cost and statistics
 """

@@ -36,7 +36,7 @@ from .nodes import (
     tree_of,
 )
 from .top_levels import UpperLevels, join_boxes, top_lines
-from .tree_layout import children_of_top, cut_tree
+from .tree_layout import TreeFrontier, children_of_top, cut_tree
 from .tree_quality import sah_cost
 from .triangle_bounds import checked_vertices, scene_bounds, triangle_box, trivial_bvh, write_boxes
 
@@ -81,10 +81,13 @@ def _leaf_box(vertices, link, old, out, flags):
 
 
 @kernel
-def _refit_part(vertices, old, first, last, out, flags):
-    """Refit the subtree of nodes `last` - 1 down to `first`, and return its box."""
+def refit_part(vertices, old, root, last, out, flags):
+    """Refit a part of a tree: the leaf `root`, or the subtree of nodes `last` - 1 down to `root`. Return its box."""
+    # In: vertices, float32 *, 9 per triangle; old, a `Tree`; flags, as in `_leaf_box`. Out: out, a `Tree`
+    if root < 0:
+        return _leaf_box(vertices, root, old, out, flags)
     boxes, height = stack_f32(_BOXES), 0
-    for node in range(last - 1, first - 1, -1):
+    for node in range(last - 1, root - 1, -1):
         left_link, right_link = get(old.links, link_at(node, 0)), get(old.links, link_at(node, 1))
         if left_link >= 0:
             height -= 1
@@ -111,11 +114,7 @@ def _refit_parts(ticket, vertices, bvh, parts, new, flags, boxes):
     v, old, out = ptr(vertices), tree_of(bvh), tree_of(new)
     for p in items(ticket):
         root, end, _ = parts[p]
-        if root >= 0:
-            box = _refit_part(v, old, root, end, out, flags)
-        else:
-            box = _leaf_box(v, root, old, out, flags)
-        store(boxes, p * 8, box)
+        store(boxes, p * 8, refit_part(v, old, root, end, out, flags))
 
 
 def refit(bvh: Bvh, vertices: NDArray[np.float32], threads: int | None = None) -> Bvh:
@@ -178,12 +177,17 @@ def _refit_triangles(
     new = Bvh(nodes, nodes.view(np.int32), bvh.prim_ids, corners)
     part_boxes = np.empty((len(pieces.parts), 8), np.float32)
     run_short(_refit_parts, threads, new_ticket(len(part_boxes), 1), flat, bvh, pieces.parts, new, flags, part_boxes)
-    children, boxes = children_of_top(pieces), np.empty((len(pieces.numbers), 2, 8), np.float32)
-    join_boxes(children, part_boxes, boxes)
-    roots = pieces.parts[:, 0]
-    orders = pieces.top.view(np.int32)[:, ORDER]
-    nodes[pieces.numbers] = top_lines(UpperLevels(boxes, children, roots, part_boxes, orders), pieces.numbers, roots)
+    write_top(pieces, part_boxes, nodes)
     return new
+
+
+def write_top(cut: TreeFrontier, part_boxes: NDArray[np.float32], nodes: NDArray[np.float32]) -> None:
+    """Write the nodes of the top of a refitted tree to `nodes`; `part_boxes`: (s, 8) float32."""
+    children, boxes = children_of_top(cut), np.empty((len(cut.numbers), 2, 8), np.float32)
+    join_boxes(children, part_boxes, boxes)
+    roots = cut.parts[:, 0]
+    orders = cut.top.view(np.int32)[:, ORDER]
+    nodes[cut.numbers] = top_lines(UpperLevels(boxes, children, roots, part_boxes, orders), cut.numbers, roots)
 
 
 class DeformingTree:

@@ -76,20 +76,20 @@ def _cut_tree(bvh, sizes, largest, cut):
     return n_top, n_parts
 
 
-def cut_tree(bvh: Bvh, sizes: NDArray[np.integer] | None = None) -> TreeFrontier:
-    """Cut a BVH into parts of at most `PART` nodes.
+def cut_tree(bvh: Bvh, sizes: NDArray[np.integer] | None = None, largest: int | None = None) -> TreeFrontier:
+    """Cut a BVH into parts of at most `largest` nodes; None: `PART`.
 
     sizes : (n_nodes,) number of nodes in each node's subtree; None if the nodes are in depth-first order
 
     With None, a part's nodes are consecutive, from its root to its end.
     """
-    n = len(bvh.nodes)
+    n, largest = len(bvh.nodes), PART if largest is None else largest
     capacity = min(
-        n, MAX_DEPTH * (n // PART)
+        n, MAX_DEPTH * (n // largest)
     )  # for the top: the large subtrees of one depth have at most n nodes together
     top = aligned_empty((capacity, 16), "f4")
     frontier = TreeFrontier(np.empty(capacity, np.int64), top, np.empty((capacity + 1, 3), np.int64))
-    n_top, n_parts = _cut_tree(bvh, sizes, PART, frontier)
+    n_top, n_parts = _cut_tree(bvh, sizes, largest, frontier)
     return TreeFrontier(frontier.numbers[:n_top], top[:n_top], frontier.parts[:n_parts])
 
 

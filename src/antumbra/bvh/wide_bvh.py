@@ -1,11 +1,8 @@
-"""Collapse a binary BVH to a wide one by choosing which boxes to keep, and refit the wide one with the binary one.
+"""Collapse a binary BVH to a wide one by choosing which boxes to keep.
 
 Dynamic programming finds the choice of minimum SAH cost [Ylitie et al. 2017, Sec. 3], where testing eight boxes or
 eight triangles costs one. Below the top levels, threads price and collapse one subtree each. Subtrees are counted
 first and then written to their final position, so the result does not depend on the number of threads.
-
-Each child of a wide node has the box of a child of a binary node, and the wide node stores which. After `refit` of the
-binary BVH, the wide one needs no new choice and no bottom-up pass: threads copy boxes and triangles independently.
 """
 
 from typing import NamedTuple
@@ -13,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels.array_pool import ArrayPool
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, items, new_ticket, run, run_short, shares, thread_count
 from ..kernels.simd import (
@@ -22,7 +18,6 @@ from ..kernels.simd import (
     extract,
     get,
     load8,
-    load16,
     mask_from_bits8,
     maximum,
     minimum,
@@ -186,7 +181,7 @@ def _pick_children(bvh, prices, node):
 
 
 @inlined
-def _fill_node(source, child, lane, words, at):
+def fill_node(source, child, lane, words, at):
     """Copy the box of a child of the binary BVH to a lane of the wide node that starts at word `at`."""
     b = box_at(child >> 1, child & 1)
     for axis in range(3):
@@ -208,7 +203,7 @@ def _write_node(bvh, prices, node, number, next_node, next_group, out):
     lane = 0
     while lane < WIDTH and prices.picked[node, lane] >= 0:
         child = np.int64(prices.picked[node, lane])
-        _fill_node(source, child, lane, words, at)
+        fill_node(source, child, lane, words, at)
         put(links, at + BINARY + lane, child)
         if prices.counts[child] > WIDTH:
             put(links, at + LINKS + lane, next_node)
@@ -307,22 +302,47 @@ def _corners_of(corners, slots, lane):
 
 
 @inlined
+def group_box(columns, z2, used):
+    """The lower and the upper corner of the triangles in the `used` lanes (mask), as for `write_group`, per lane."""
+    x, y, z, x1, y1, z1, x2, y2 = columns
+    return (
+        (
+            select(used, minimum(minimum(x, x1), x2), _INF),
+            select(used, minimum(minimum(y, y1), y2), _INF),
+            select(used, minimum(minimum(z, z1), z2), _INF),
+        ),
+        (
+            select(used, maximum(maximum(x, x1), x2), -_INF),
+            select(used, maximum(maximum(y, y1), y2), -_INF),
+            select(used, maximum(maximum(z, z1), z2), -_INF),
+        ),
+    )
+
+
+@inlined
+def write_group(columns, z2, used, words):
+    """Write triangles to a group's rows, zero in lanes that are not `used` (mask); columns, z2: their nine numbers."""
+    x, y, z, x1, y1, z1, x2, y2 = columns
+    x1, y1, z1, x2, y2, z2 = x1 - x, y1 - y, z1 - z, x2 - x, y2 - y, z2 - z
+    a, b = maximum(maximum(absolute(x1), absolute(y1)), absolute(z1)), maximum(absolute(x2), absolute(y2))
+    largest, zero = maximum(maximum(a, b), absolute(z2)), np.float32(0.0)
+    rows = x, y, z, x1, y1, z1, x2, y2, z2, largest
+    for k in range(10):
+        store(words, WIDTH * k, select(used, rows[k], zero))
+
+
+@inlined
 def _fill_group(corners, slots, last, words):
-    """Write the triangles in eight slots to a group's rows; unused lanes are zero, and `last` is scratch memory."""
+    """Write the triangles in eight slots to a group's rows; `last` is scratch memory."""
     for lane in range(WIDTH):
         put(last, lane, get(corners, 9 * max(np.int64(get(slots, lane)), 0) + 8))
-    x, y, z, x1, y1, z1, x2, y2 = transposed8(
+    columns = transposed8(
         _corners_of(corners, slots, 0), _corners_of(corners, slots, 1),
         _corners_of(corners, slots, 2), _corners_of(corners, slots, 3),
         _corners_of(corners, slots, 4), _corners_of(corners, slots, 5),
         _corners_of(corners, slots, 6), _corners_of(corners, slots, 7),
     )  # fmt: skip
-    x1, y1, z1, x2, y2, z2 = x1 - x, y1 - y, z1 - z, x2 - x, y2 - y, load8(last, 0) - z
-    a, b = maximum(maximum(absolute(x1), absolute(y1)), absolute(z1)), maximum(absolute(x2), absolute(y2))
-    largest, used, zero = maximum(maximum(a, b), absolute(z2)), load8(slots, 0) >= np.int32(0), np.float32(0.0)
-    rows = x, y, z, x1, y1, z1, x2, y2, z2, largest
-    for k in range(10):
-        store(words, WIDTH * k, select(used, rows[k], zero))
+    write_group(columns, load8(last, 0), load8(slots, 0) >= np.int32(0), words)
 
 
 @kernel
@@ -341,22 +361,6 @@ def _fill_groups(ticket, corners, slots, groups, areas):
             while lane < WIDTH and get(of_group, lane) >= 0:
                 areas[group] += triangle_area(values, np.int64(get(of_group, lane)))
                 lane += 1
-
-
-@kernel
-def _refit_nodes(ticket, binary, wide, new):
-    """Worker: copy each wide node, with the boxes of the refitted binary BVH."""
-    # In: binary, its nodes; wide, nodes before. Out: new, nodes
-    source, old, words = ptr(binary), ptr(wide), ptr(new)
-    links = ptr(wide.view(np.int32))
-    for node in items(ticket):
-        at = node * NODE_WORDS
-        for word in range(0, NODE_WORDS, 16):
-            store(words, at + word, load16(old, at + word))
-        lane = 0
-        while lane < WIDTH and get(links, at + LINKS + lane) != NO_CHILD:
-            _fill_node(source, np.int64(get(links, at + BINARY + lane)), lane, words, at)
-            lane += 1
 
 
 def _priced(bvh: Bvh, threads: int) -> WidePrices:
@@ -399,7 +403,7 @@ def widen(bvh: Bvh, threads: int | None = None) -> WideBvh:
     groups, areas = aligned_empty((len(slots), GROUP_WORDS), "f4"), np.zeros(len(slots))
     run_short(_fill_groups, threads, new_ticket(len(slots), 256), bvh.corners, slots, groups, areas)
     order_wide_children(nodes, areas, parts, threads)
-    return WideBvh(nodes, links, groups, slots, _reach(nodes), bvh)
+    return WideBvh(nodes, links, groups, slots, reach_of_root(nodes), bvh)
 
 
 @kernel
@@ -442,19 +446,8 @@ def reach_of(boxes: NDArray[np.float32]) -> Reach:
     return x, y, z
 
 
-def _reach(nodes: NDArray[np.float32]) -> Reach:
+def reach_of_root(nodes: NDArray[np.float32]) -> Reach:
     """`WideBvh.reach`."""
     planes = nodes[0, :LINKS].reshape(3, 2, WIDTH)
     is_child = planes[0, 0] <= planes[0, 1]
     return reach_of(planes[:, :, is_child].T)
-
-
-def refit_wide(wide: WideBvh, bvh: Bvh, threads: int, pool: ArrayPool) -> WideBvh:
-    """The same wide BVH with the boxes and triangles of `bvh`, its refitted binary BVH. Children keep their order.
-
-    The result is identical for any number of threads. Its arrays are in recycled memory.
-    """
-    nodes, groups = pool.empty(wide.nodes.shape, np.float32), pool.empty(wide.groups.shape, np.float32)
-    run(_refit_nodes, threads, new_ticket(len(nodes), 256), bvh.nodes, wide.nodes, nodes)
-    run(_fill_groups, threads, new_ticket(len(groups), 1024), bvh.corners, wide.slots, groups, None)
-    return WideBvh(nodes, nodes.view(np.int32), groups, wide.slots, _reach(nodes), bvh)

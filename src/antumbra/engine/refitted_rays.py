@@ -8,12 +8,10 @@ most about twice the minimum.
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ..bvh.nodes import WideBvh
-from ..bvh.refit import LIMIT, refit_faces
-from ..bvh.wide_bvh import refit_wide, wide_cost
+from ..bvh.refit import LIMIT
+from ..bvh.wide_bvh import wide_cost
+from ..bvh.wide_refit import WideRefit, refit_wide, wide_refit
 from ..kernels.array_pool import ArrayPool
 from ..scene.triangles import Triangles
 from .accelerator import Accelerated, Accelerator
@@ -24,8 +22,8 @@ from .tree_choice import are_equal_faces
 class _BuiltTree(NamedTuple):
     """A tree as it was built."""
 
-    solid: NDArray[np.int32] | None  # (k,) int32, ascending: the faces in it; None: all
     cost: float  # `wide_cost`
+    refit: WideRefit
 
 
 class RayTreeRefit:
@@ -59,19 +57,19 @@ class RayTreeRefit:
         """
         wide, bvh = latest.prepared, latest.bvh
         assert isinstance(wide, WideBvh) and bvh is not None
-        if self._built is None:
-            self._built = _BuiltTree(latest.triangles.solid, wide_cost(wide, self._threads))
-        n, built = len(bvh.prim_ids), self._built
-        if n < 2 or not are_equal_faces(built.solid, triangles.solid):
+        n = len(bvh.prim_ids)
+        if n < 2 or not are_equal_faces(latest.triangles.solid, triangles.solid):
             return None
-        moved = refit_faces(bvh, triangles.vertices, self._threads, self._pool)
-        prepared = refit_wide(wide, moved, self._threads, self._pool)
+        if self._built is None:
+            self._built = _BuiltTree(wide_cost(wide, self._threads), wide_refit(wide))
+        built = self._built
+        prepared = refit_wide(built.refit, triangles.vertices, self._threads, self._pool)
         growth = max(wide_cost(prepared, self._threads) / built.cost, 1.0)
         expected = rays * RAY_SECONDS * growth * _lost_share(growth)
         if rebuild_pays(self._lost + expected, GOOD, n):
             return None
         self._growth = growth
-        return Accelerated(triangles, moved, prepared, accelerator.cutouts_of(triangles))
+        return Accelerated(triangles, prepared.bvh, prepared, accelerator.cutouts_of(triangles))
 
 
 def _lost_share(growth: float) -> float:

@@ -5,6 +5,7 @@ triangles, and `MovedMeshes` is the source of the scene that they form.
 """
 
 from collections.abc import Generator, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from fnmatch import fnmatchcase
 from typing import Any, NamedTuple, TypeAlias
 
@@ -16,8 +17,8 @@ from ..base.errors import InputError
 from ..kernels.array_pool import ArrayPool
 from .materials import MeshAppearance
 from .mesh import WHITE, ObjectInfo, Piece, Source, check_finite
-from .scene_bounds import faces_of, flush_to_zero
-from .triangle_setup import gather, transformed
+from .scene_bounds import faces_of
+from .triangle_setup import TriangleSurvey, gather, gather_surveyed, survey, transformed
 from .triangles import Triangles
 
 _MOST_NAMES = 12  # in errors
@@ -99,6 +100,14 @@ class Placement(NamedTuple):
     transforms: NDArray[np.float64]  # (k, 4, 4) float64, world to world
 
 
+class ReplacedTriangles(NamedTuple):
+    """The triangles of a scene with new vertices."""
+
+    vertices: NDArray[np.float32]  # (n, 3, 3) float32, in the frame
+    survey: TriangleSurvey
+    exact: bool  # whether the frame holds the vertices in the precision in which they were given
+
+
 class MovableMeshes:
     """Moves the geometry of a static source within a fixed frame.
 
@@ -127,12 +136,12 @@ class MovableMeshes:
     def __getstate__(self) -> dict[str, Any]:
         return vars(self) | ({} if self._own_rest else {"_rest": None})
 
-    def rest_on(self, given: NDArray[Any], triangles: Triangles) -> None:
+    def rest_on(self, given: NDArray[Any], triangles: Triangles, exact: bool) -> None:
         """Make these triangles, which have the `given` vertices, the rest geometry.
 
-        The given vertices are copied only if they cannot be restored from those in the frame.
+        The given vertices are copied unless they can be restored from those in the frame, which is then `exact`.
         """
-        if _restorable(given, self._origin):
+        if exact:
             self.rest_in_frame(triangles, True)
         else:
             self._rest = [piece._replace(look=None) for piece in self._with_vertices(np.array(given))]
@@ -185,8 +194,8 @@ class MovableMeshes:
             self._corners = np.concatenate(parts)
         return self._corners
 
-    def replaced(self, points: NDArray[Any], threads: int) -> NDArray[np.float32]:
-        """(n, 3, 3) float32, in the frame: the triangles with new vertices, as from `given`.
+    def replaced(self, points: NDArray[Any], threads: int) -> "ReplacedTriangles":
+        """The triangles with new vertices, as from `given`.
 
         Raises
         ------
@@ -195,8 +204,13 @@ class MovableMeshes:
         """
         out = self._pool.empty((self._n_triangles, 3, 3), np.float32)
         whole = [Piece(points.reshape(1, -1, 3), None, WHITE, self.name)]  # many small pieces would take longer
-        self._gather(whole if points.shape == out.shape else self._with_vertices(points), out, threads)
-        return out
+        pieces = whole if points.shape == out.shape else self._with_vertices(points)
+        if len(pieces) == 1:
+            with _checked(pieces[0]):
+                gathered, found = gather_surveyed(pieces[0], self._origin, out, threads)
+            return ReplacedTriangles(out, found, gathered.exact)
+        exact = self._gather(pieces, out, threads)
+        return ReplacedTriangles(out, survey(out, threads), exact)
 
     def _with_vertices(self, points: NDArray[Any]) -> list[Piece]:
         """The pieces of the scene with new vertices, as from `given`."""
@@ -246,15 +260,25 @@ class MovableMeshes:
             self._gather([Piece(positions[None], None, WHITE, piece.where)], moved, threads)
             out[chosen] = moved
 
-    def _gather(self, pieces: Sequence[Piece], out: NDArray[np.float32], threads: int) -> None:
-        start = 0
+    def _gather(self, pieces: Sequence[Piece], out: NDArray[np.float32], threads: int) -> bool:
+        """Write the triangles of pieces, and return whether the frame holds their vertices exactly."""
+        start, exact = 0, True
         for piece in pieces:
-            try:
-                with np.errstate(all="ignore"):
-                    start += gather(piece, self._origin, out[start:], threads)
-            except InputError:
-                check_finite(piece.vertices.reshape(-1, 3), piece.where)
-                raise
+            with _checked(piece):
+                gathered = gather(piece, self._origin, out[start:], threads)
+            start, exact = start + gathered.count, exact and gathered.exact
+        return exact
+
+
+@contextmanager
+def _checked(piece: Piece) -> Iterator[None]:
+    """Name a vertex of the piece that is not finite in the error of `gather`."""
+    try:
+        with np.errstate(all="ignore"):
+            yield
+    except InputError:
+        check_finite(piece.vertices.reshape(-1, 3), piece.where)
+        raise
 
 
 def _n_given(piece: Piece) -> int:
@@ -273,19 +297,6 @@ def _with_vertices(piece: Piece, vertices: np.ndarray) -> Piece:
 def _corners(piece: Piece) -> np.ndarray:
     """(k, m, 3): the vertices at the corners of all faces of each copy."""
     return piece.vertices if piece.faces is None else piece.vertices[:, piece.faces.reshape(-1)]
-
-
-_AT_A_TIME = 1 << 13  # vertices
-
-
-def _restorable(given: NDArray[Any], origin: NDArray[np.float64]) -> bool:
-    """Whether rounding to float32 in the frame at `origin` loses nothing of world coordinates, (..., 3)."""
-    points = given.reshape(-1, 3)
-    for first in range(0, len(points), _AT_A_TIME):  # most coordinates lose bits, which the first ones show
-        part = points[first : first + _AT_A_TIME]
-        if not np.array_equal(flush_to_zero((part - origin).astype(np.float32)) + origin, part):
-            return False
-    return True
 
 
 # --- Choices of objects -----------------------------------------------------------------------------------------------

@@ -37,6 +37,7 @@ from .units import LengthUnit, checked_unit
 
 if TYPE_CHECKING:
     from .moved_geometry import MovableMeshes, ObjectChoice
+    from .triangle_setup import TriangleSurvey
 
 # --- City objects and semantic surfaces (CityJSON) --------------------------------------------------------------------
 
@@ -562,7 +563,11 @@ class MemoryData(SceneData):
         """Replace them, before the first query."""
         self._cutouts, self._find_cutouts, self._finds_cutouts = cutouts, False, False
         if self.moved is not None:
-            self.moved = self._moved_triangles(self.moved.vertices, None)[0]
+            from ..kernels.parallel import thread_count
+            from .triangle_setup import survey
+
+            found = survey(self.moved.vertices, thread_count(None))
+            self.moved, _ = self._surveyed_triangles(self.moved.vertices, found)
 
     def open_faces(self) -> OpenFaceFinder | None:
         if self.cutouts is None and self.hidden is None:
@@ -611,7 +616,7 @@ class MemoryData(SceneData):
         start = 0
         with np.errstate(all="ignore"):
             for piece in self.source.pieces(time):
-                start += gather(piece, self.origin, vertices[start:], threads)
+                start += gather(piece, self.origin, vertices[start:], threads).count
         if self.hidden is not None:
             vertices[self.hidden] = vertices[self._shown, 0]
         face_id, cutouts = np.arange(self.n_triangles, dtype=np.int32), self.cutouts
@@ -658,6 +663,7 @@ class MemoryData(SceneData):
         from ..kernels.parallel import thread_count
         from .moved_geometry import MovableMeshes, placement_of
         from .resident_triangles import DeviceVertices, ResidentTriangles
+        from .triangle_setup import survey
 
         if self.animated:
             raise InputError(f"{self.name}: its animation moves the geometry, and update is for static scenes")
@@ -675,25 +681,22 @@ class MemoryData(SceneData):
             self._movable.rest_in_frame(moved, framed.exact)
         elif vertices is not None:
             given = self._movable.given(vertices)
-            moved, bounds = self._moved_triangles(self._movable.replaced(given, threads), threads)
-            self._movable.rest_on(given, moved)
+            replaced = self._movable.replaced(given, threads)
+            moved, bounds = self._surveyed_triangles(replaced.vertices, replaced.survey)
+            self._movable.rest_on(given, moved, replaced.exact)
         else:
             assert transform is not None
             placement = placement_of(self.objects, objects, transform, self.name)
             corners = self._movable.placed(self.triangles(0.0, threads).vertices, placement, threads)
-            moved, bounds = self._moved_triangles(corners, threads)
+            moved, bounds = self._surveyed_triangles(corners, survey(corners, threads))
         self.bounds, self.source = bounds, self._movable.source_of(moved)
         self.moved = moved  # last: caches compare it
 
-    def _moved_triangles(
-        self, vertices: NDArray[np.float32], threads: int | None
+    def _surveyed_triangles(
+        self, vertices: NDArray[np.float32], found: "TriangleSurvey"
     ) -> tuple[Triangles, NDArray[np.float64]]:
         """Triangles with these vertices, (n, 3, 3) in the frame, and their bounds, (2, 3) world."""
-        from ..kernels.parallel import thread_count
-        from .triangle_setup import survey
-
-        with_area, bounds = survey(vertices, thread_count(threads))
-        return self._triangles_of(vertices, with_area), bounds + self.origin
+        return self._triangles_of(vertices, found.with_area), found.bounds + self.origin
 
     def _triangles_of(self, vertices: Any, with_area: NDArray[np.int32] | None) -> Triangles:
         """Triangles with other vertices; `with_area`: as from `triangle_setup.survey`."""

@@ -20,13 +20,19 @@ from ..kernels.simd import (
     f64_at,
     get,
     i32_at,
+    load4,
     load8,
+    lowest_bit,
+    mask_from_bits4,
     maximum,
     minimum,
     ptr,
+    ptr_at,
     put,
     reduce_max,
     reduce_min,
+    select,
+    shuffle,
     splat8,
     stack_f32,
     store,
@@ -44,6 +50,7 @@ from .triangles import Triangles
 
 
 _AT_A_TIME = 8192  # vertices, or faces
+_SURVEYED = 1024  # faces: their corners stay in a first-level cache between both steps of a survey
 _SURE, _TINY = np.float32(2.0**-20), np.float32(1e-37)  # bounds of an error: relative, and from underflow
 _LIMIT, _NEAREST, _ZERO, _INF = np.float32(MAX_EXTENT), np.float32(NEAREST), np.float32(0.0), np.float32(np.inf)
 
@@ -52,9 +59,9 @@ _LIMIT, _NEAREST, _ZERO, _INF = np.float32(MAX_EXTENT), np.float32(NEAREST), np.
 def _recentre_rows(first, last, a, b, share, origin, out):
     """Write (1 - share) a + share b - origin, computed in float64 and rounded once. Coordinates below NEAREST become 0.
 
-    Returns whether all coordinates are finite and within MAX_EXTENT.
+    Returns whether all coordinates are finite and within MAX_EXTENT, and whether adding the origin restores them all.
     """
-    share_of_a, fine = 1.0 - share, True
+    share_of_a, fine, exact = 1.0 - share, True, True
     for i in range(3 * first, 3 * last, 3):
         for k in range(3):
             world = share_of_a * np.float64(get(a, i + k)) + share * np.float64(get(b, i + k))
@@ -62,7 +69,8 @@ def _recentre_rows(first, last, a, b, share, origin, out):
             local = _ZERO if abs(local) < _NEAREST else local
             put(out, i + k, local)
             fine &= abs(local) <= _LIMIT  # type: ignore[assignment]
-    return fine
+            exact &= np.float64(local) + origin[k] == world
+    return fine, exact
 
 
 @kernel
@@ -70,35 +78,95 @@ def _recentre(ticket, single, a, b, share, origin, out, faults):
     """Worker: recentre rows of vertices."""
     # In: a, b, addresses of (n, 3) vertices at two moments, float32 if `single`, else float64
     # In: share, weight of b, float64; origin, (3,) float64
-    # Out: out, address of (n, 3) float32; faults, (1,) bool, set if a vertex is not finite or too far away
+    # Out: out, address of (n, 3) float32; faults, (2,) bool, set if a vertex is not finite or too far away; is rounded
     zero, p = (origin[0], origin[1], origin[2]), f32_at(out)
     for first, last in shares(ticket):
         if single:
-            fine = _recentre_rows(first, last, f32_at(a), f32_at(b), share, zero, p)
+            fine, exact = _recentre_rows(first, last, f32_at(a), f32_at(b), share, zero, p)
         else:
-            fine = _recentre_rows(first, last, f64_at(a), f64_at(b), share, zero, p)
+            fine, exact = _recentre_rows(first, last, f64_at(a), f64_at(b), share, zero, p)
         if not fine:
             faults[0] = True
+        if not exact:
+            faults[1] = True
+
+
+class FacesOfCopies(NamedTuple):
+    """The faces of all copies of a mesh: addresses of numbers, and counts per copy."""
+
+    positions: int  # of (copies * n_vertices, 3) float32
+    n_vertices: int
+    indices: int  # of (n_faces, 3) int32; 0: none, because the corners of all faces are in place
+    n_faces: int
+
+
+_IN_PLACE = FacesOfCopies(0, 0, 0, 0)
+
+
+@inlined
+def _write_row(positions, a, b, c, row):
+    """Write three vertices to a row of nine numbers. Memory behind the last vertex is read."""
+    v1, v2 = load4(positions, 3 * b), load4(positions, 3 * c)
+    store(row, 0, load4(positions, 3 * a))
+    store(row, 3, v1)
+    store(row, 5, select(mask_from_bits4(1), shuffle(v1, 2, 2, 2, 2), shuffle(v2, 3, 0, 1, 2)))
+
+
+@inlined
+def _gather_rows(faces, first, last, rows, padded):
+    """Write the corners of faces of a `FacesOfCopies`; padded: whether a number follows the last vertex."""
+    positions, indices, n = f32_at(faces.positions), i32_at(faces.indices), faces.n_faces
+    copy, face = first // n, first % n
+    for i in range(first, last):
+        start, at = copy * faces.n_vertices, 3 * face
+        if padded:
+            a, b, c = start + get(indices, at), start + get(indices, at + 1), start + get(indices, at + 2)
+            _write_row(positions, a, b, c, ptr_at(rows, 9 * i))
+        else:
+            for corner in range(3):
+                vertex = start + get(indices, at + corner)
+                for k in range(3):
+                    put(rows, 9 * i + 3 * corner + k, get(positions, 3 * vertex + k))
+        face += 1
+        if face == n:
+            copy, face = copy + 1, 0
 
 
 @kernel
-def _gather(ticket, local, vertices, faces, n, out):
-    """Worker: write the corners of each copy's faces; `local`, `faces`, `out` are addresses, n the faces per copy."""
-    positions, indices, rows = f32_at(local), i32_at(faces), f32_at(out)
+def _gather(ticket, faces, out):
+    """Worker: write the corners of the faces of a `FacesOfCopies`; `out`: an address."""
     for first, last in shares(ticket):
-        copy, face = first // n, first % n
-        for i in range(first, last):
-            for corner in range(3):
-                vertex = copy * vertices + get(indices, 3 * face + corner)
-                for k in range(3):
-                    put(rows, 9 * i + 3 * corner + k, get(positions, 3 * vertex + k))
-            face += 1
-            if face == n:
-                copy, face = copy + 1, 0
+        _gather_rows(faces, first, last, f32_at(out), False)
 
 
-def gather(piece: Piece, origin: np.ndarray, out: np.ndarray, threads: int) -> int:
-    """Write the triangles of a piece to the front of `out` ((m, 3, 3) float32), and return their number.
+class Gathered(NamedTuple):
+    """What `gather` has written."""
+
+    count: int  # type: ignore[assignment]  # triangles; hides tuple.count
+    exact: bool  # whether the vertices plus the origin are those of the piece
+
+
+class _FacesInFrame(NamedTuple):
+    """The faces of a piece, whose arrays a `FacesOfCopies` does not keep alive."""
+
+    vertices: NDArray[np.float32]  # (k, v, 3), in the frame
+    indices: NDArray[np.int32]  # (m, 3)
+    exact: bool  # as in `Gathered`
+
+    def of_copies(self) -> FacesOfCopies:
+        n_vertices, n_faces = self.vertices.shape[1], len(self.indices)
+        return FacesOfCopies(self.vertices.ctypes.data, n_vertices, self.indices.ctypes.data, n_faces)
+
+
+def _faces_in_frame(piece: Piece, origin: np.ndarray, threads: int) -> _FacesInFrame:
+    """The faces of a piece that has any, with its vertices in the frame at `origin`."""
+    local = np.empty(piece.vertices.size + 1, np.float32)[:-1].reshape(piece.vertices.shape)  # padded
+    exact = _recentre_piece(piece, origin, local, threads)
+    return _FacesInFrame(local, np.ascontiguousarray(piece.faces, np.int32), exact)
+
+
+def gather(piece: Piece, origin: np.ndarray, out: np.ndarray, threads: int) -> Gathered:
+    """Write the triangles of a piece to the front of `out` ((m, 3, 3) float32).
 
     Raises
     ------
@@ -107,15 +175,12 @@ def gather(piece: Piece, origin: np.ndarray, out: np.ndarray, threads: int) -> i
     """
     copies, n_vertices = piece.vertices.shape[:2]
     if piece.faces is None:
-        count: int = copies * n_vertices // 3
-        _recentre_piece(piece, origin, out[:count].reshape(copies, n_vertices, 3), threads)
-        return count
-    local, faces = np.empty((copies, n_vertices, 3), np.float32), np.ascontiguousarray(piece.faces, np.int32)
-    _recentre_piece(piece, origin, local, threads)
-    count = copies * len(faces)
-    args = local.ctypes.data, n_vertices, faces.ctypes.data, len(faces), out.ctypes.data
-    run(_gather, threads, new_ticket(count, _AT_A_TIME), *args)
-    return count
+        count = copies * n_vertices // 3
+        return Gathered(count, _recentre_piece(piece, origin, out[:count].reshape(copies, n_vertices, 3), threads))
+    faces = _faces_in_frame(piece, origin, threads)
+    count = copies * len(faces.indices)
+    run(_gather, threads, new_ticket(count, _AT_A_TIME), faces.of_copies(), out.ctypes.data)
+    return Gathered(count, faces.exact)
 
 
 def face_rows(table: NDArray[np.float32], index: NDArray[np.int32], threads: int | None = None) -> NDArray[np.float32]:
@@ -125,25 +190,26 @@ def face_rows(table: NDArray[np.float32], index: NDArray[np.int32], threads: int
     """
     out, triples = np.empty((len(index), 3), np.float32), len(index) // 3
     if triples > _AT_A_TIME:
-        args = table[1:].ctypes.data, 0, index.ctypes.data, triples, out.ctypes.data
-        run(_gather, thread_count(threads), new_ticket(triples, _AT_A_TIME), *args)
+        rows = FacesOfCopies(table[1:].ctypes.data, 0, index.ctypes.data, triples)
+        run(_gather, thread_count(threads), new_ticket(triples, _AT_A_TIME), rows, out.ctypes.data)
         out[3 * triples :] = table[index[3 * triples :] + 1]
         return out
     return table.take(index + 1, axis=0, out=out, mode="clip")
 
 
-def _recentre_piece(piece: Piece, origin: np.ndarray, out: np.ndarray, threads: int) -> None:
-    """Write the vertices of a piece ((k, v, 3)) as float32 in the frame at `origin`."""
+def _recentre_piece(piece: Piece, origin: np.ndarray, out: np.ndarray, threads: int) -> bool:
+    """Write the vertices of a piece ((k, v, 3)) as float32 in the frame at `origin`; return whether it holds them."""
     dtype = np.dtype(np.float32 if piece.vertices.dtype == np.float32 else np.float64)
     a = np.ascontiguousarray(piece.vertices, dtype)
     b = a if piece.towards is None else np.ascontiguousarray(piece.towards, dtype)
-    faults, ticket = np.zeros(1, np.bool_), new_ticket(out.size // 3, _AT_A_TIME)
+    faults, ticket = np.zeros(2, np.bool_), new_ticket(out.size // 3, _AT_A_TIME)
     addresses = a.ctypes.data, b.ctypes.data
     run(_recentre, threads, ticket, dtype == np.float32, *addresses, piece.share, origin, out.ctypes.data, faults)
     if faults[0]:
         raise InputError(
             f"{piece.where}: vertices are not finite or over {MAX_EXTENT:g} units apart; scale the scene down"
         )
+    return not faults[1]
 
 
 # --- Transforms -------------------------------------------------------------------------------------------------------
@@ -231,18 +297,22 @@ def _most(a, b, c, d):
 
 @inlined
 def _scan(v, first, last, ninth, has_areas, limits, at):
-    """Write whether triangles have an area, and from `at` on their lower and upper corner; return whether all have."""
+    """Clear `has_areas` of triangles without area, and write from `at` on the lower and upper corner of all.
+
+    Return whether all have an area.
+    """
     x0, y0, z0, all_have = splat8(_INF), splat8(_INF), splat8(_INF), True
     x1, y1, z1 = splat8(-_INF), splat8(-_INF), splat8(-_INF)
     for i in range(first, last, 8):
         a, b, c = _load_eight(v, i, last - 1, ninth)
         x0, y0, z0 = _least(x0, a[0], b[0], c[0]), _least(y0, a[1], b[1], c[1]), _least(z0, a[2], b[2], c[2])
         x1, y1, z1 = _most(x1, a[0], b[0], c[0]), _most(y1, a[1], b[1], c[1]), _most(z1, a[2], b[2], c[2])
-        sure = bits(_surely_have_area(a, b, c))
-        for lane in range(min(8, last - i)):
-            has = (sure >> lane) & 1 != 0 or has_area(v, i + lane)
-            has_areas[i + lane] = has
-            all_have &= has
+        unsure = ~bits(_surely_have_area(a, b, c)) & ((1 << min(8, last - i)) - 1)
+        while unsure != 0:
+            triangle = i + lowest_bit(unsure)
+            if not has_area(v, triangle):
+                has_areas[triangle] = all_have = False
+            unsure &= unsure - 1
     put(limits, at, reduce_min(x0))
     put(limits, at + 1, reduce_min(y0))
     put(limits, at + 2, reduce_min(z0))
@@ -255,7 +325,7 @@ def _scan(v, first, last, ninth, has_areas, limits, at):
 @kernel
 def _find_areas(ticket, corners, has_areas, faults):
     """Worker: whether each triangle has nonzero area."""
-    # Out: has_areas, (n,) bool; faults, (1,) bool, set if a triangle has none
+    # In and out: has_areas, (n,) bool, all set; faults, (1,) bool, set if a triangle has none
     v, ninth, limits = ptr(corners), stack_f32(8), stack_f32(6)
     for first, last in shares(ticket):
         if not _scan(v, first, last, ninth, has_areas, limits, 0):
@@ -267,16 +337,20 @@ def rows_with_area(vertices: NDArray[np.float32], threads: int) -> NDArray[np.in
 
     vertices : (n, 3, 3) float32
     """
-    has_areas, faults = np.empty(len(vertices), np.bool_), np.zeros(1, np.bool_)
+    has_areas, faults = np.ones(len(vertices), np.bool_), np.zeros(1, np.bool_)
     run(_find_areas, threads, new_ticket(len(vertices), _AT_A_TIME), vertices.reshape(-1, 9), has_areas, faults)
     return np.flatnonzero(has_areas).astype(np.int32) if faults[0] else None
 
 
 @kernel
-def _survey(ticket, corners, has_areas, faults, limits):
-    """Worker: `_find_areas`, and the lower and upper corner of each share: `limits`, (shares, 2, 3) float32."""
+def _survey(ticket, faces, corners, has_areas, faults, limits):
+    """Worker: gather the corners of faces unless they are in place, and survey them while they are in the cache."""
+    # In: faces, `FacesOfCopies`. Out: corners, (n, 9) float32; has_areas, faults, as in `_find_areas`
+    # Out: limits, (shares, 2, 3) float32, the lower and upper corner of each share
     v, ninth, flat = ptr(corners), stack_f32(8), ptr(limits)
     for first, last in shares(ticket):
+        if faces.indices != 0:
+            _gather_rows(faces, first, last, v, True)
         if not _scan(v, first, last, ninth, has_areas, flat, first // ticket[CHUNK] * 6):
             faults[0] = True
 
@@ -290,12 +364,25 @@ class TriangleSurvey(NamedTuple):
 
 def survey(vertices: NDArray[np.float32], threads: int) -> TriangleSurvey:
     """The triangles with area, and the bounds, of (n, 3, 3) float32, n >= 1."""
-    n = len(vertices)
-    has_areas, faults = np.empty(n, np.bool_), np.zeros(1, np.bool_)
-    limits = np.empty((-(-n // _AT_A_TIME), 2, 3), np.float32)
-    run(_survey, threads, new_ticket(n, _AT_A_TIME), vertices.reshape(-1, 9), has_areas, faults, limits)
+    return _surveyed(_IN_PLACE, vertices, threads)
+
+
+def _surveyed(faces: FacesOfCopies, out: NDArray[np.float32], threads: int) -> TriangleSurvey:
+    """`survey` of faces, whose corners are written to `out`, (n, 3, 3) float32."""
+    n = len(out)
+    has_areas, faults = np.ones(n, np.bool_), np.zeros(1, np.bool_)
+    limits = np.empty((-(-n // _SURVEYED), 2, 3), np.float32)
+    run(_survey, threads, new_ticket(n, _SURVEYED), faces, out.reshape(-1, 9), has_areas, faults, limits)
     with_area = np.flatnonzero(has_areas).astype(np.int32) if faults[0] else None
     return TriangleSurvey(with_area, np.stack([limits[:, 0].min(0), limits[:, 1].max(0)]))
+
+
+def gather_surveyed(piece: Piece, origin: np.ndarray, out: np.ndarray, threads: int) -> tuple[Gathered, TriangleSurvey]:
+    """`gather` a piece, whose triangles are all of `out`, and `survey` them in the same pass."""
+    if piece.faces is None:
+        return gather(piece, origin, out, threads), survey(out, threads)
+    faces = _faces_in_frame(piece, origin, threads)
+    return Gathered(len(out), faces.exact), _surveyed(faces.of_copies(), out, threads)
 
 
 @kernel

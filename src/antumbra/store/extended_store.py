@@ -184,7 +184,7 @@ def _faces_of(scene: MemoryData, origin: NDArray[np.float64]) -> _Faces:
     n, found = scene.n_triangles, scene.cutouts
     vertices, first = np.empty((n, 3, 3), np.float32), 0
     for piece in scene.source.pieces(0.0):
-        first += gather(piece, origin, vertices[first:], thread_count(None))
+        first += gather(piece, origin, vertices[first:], thread_count(None)).count
     opaque = TexelMask((1, 1, CLAMP, CLAMP), np.zeros(1, np.uint8), _NO_LIGHT, np.empty((0, 1, 4), np.int32))
     none = np.empty(0, np.int32)
     solid_only = Cutouts(none, none, np.empty((0, 3, 2), np.float32), none, **mask_columns([opaque]))
