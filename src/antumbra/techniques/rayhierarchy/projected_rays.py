@@ -17,7 +17,7 @@ from ...query.shadow_query import ShadowQuery
 from ...trace.counters import TRIANGLE_TESTS, count
 from ...trace.rays.ray_traversal import settle
 from .box_nodes import height
-from .ray_leaves import PAD, Blocks, Empty, block_of, pixels_of_block, receiver_at
+from .ray_leaves import BLOCK_BOX, PAD, Blocks, Empty, block_of, pixels_of_block, receiver_at
 from .shadow_planes import COVERS, INNER, OUTER, TRIANGLE, integer, number16
 
 _F = np.float32
@@ -27,7 +27,10 @@ def new_projected_blocks(n: int, query: ShadowQuery, empty: Empty) -> Blocks:
     """Allocate n blocks of 4 x 4 pixels for projected rays."""
     (h, w), points = query.sides.shape, empty(48 * n + PAD, np.float32)
     points[-PAD:] = 0
-    return Blocks(n, 16, query.origins.reshape(-1), np.zeros(PAD, np.int32), query.faces.reshape(-1), points, w, h)
+    boxes = empty(BLOCK_BOX * n, np.float32)
+    return Blocks(
+        n, 16, query.origins.reshape(-1), np.zeros(PAD, np.int32), query.faces.reshape(-1), points, w, h, boxes
+    )
 
 
 @inlined
