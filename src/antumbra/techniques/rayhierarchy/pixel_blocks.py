@@ -223,8 +223,10 @@ def _keep(blocks, block, read, active):
 
 
 @inlined
-def _keep_projected(points, block, u, v, q):
+def _keep_projected(blocks, block, faces, u, v, q):
     """Write a block's projected receivers; NaN, which decides no test, for those too close to the apex."""
+    points = blocks.points
+    store(blocks.own, 16 * block, faces)
     known, nan = (q > _F(0.0)) & (q < HUGE), _F(np.nan)
     store(points, 48 * block, select(known, u, nan))
     store(points, 48 * block + 16, select(known, v, nan))
@@ -269,7 +271,7 @@ def _write_groups(ticket, query, beam, scale, bits, arrays, block_groups, light_
                 continue
             face, u, v, q = _projected(view, d)
             if blocks.width > 0:
-                _keep_projected(blocks.points, block, u, v, q)
+                _keep_projected(blocks, block, read.receivers.faces, u, v, q)
             else:
                 _keep(blocks, block, read, active)
             n = _groups(face, u, v, active, total, groups)

@@ -116,7 +116,7 @@ class LeafRays(NamedTuple):
     ways: int  # rays per leaf and children per node: 4 or 16
     origins: np.ndarray  # (3 blocks ways + PAD,) float32: block, axis, lane; projected: of all receivers, (3 h w,)
     ids: np.ndarray  # (blocks ways + PAD,) int32: index of the receiver; -1: none; projected: (PAD,)
-    own: np.ndarray  # (blocks ways + PAD,) int32: the triangle that the receiver lies on; -1: none; projected: (h w,)
+    own: np.ndarray  # (blocks ways + PAD,) int32: the triangle that the receiver lies on; -1: none
     ends: np.ndarray  # (3 n_samples ways [blocks] + PAD,) float32: [block,] sample, axis, lane
     end_step: int  # float32 numbers from one block's ends to the next; 0: all blocks share their ends
     blocks: np.ndarray  # (leaves,) int32: the block of each leaf
@@ -236,6 +236,7 @@ def fetch_leaf(leaves, leaf):
     if leaves.width > 0:
         for k in range(0, 48, 16):
             prefetch(leaves.points, 48 * block + k)
+        prefetch(leaves.own, 16 * block)
         return
     for k in range(3):
         prefetch(leaves.origins, (3 * block + k) * leaves.ways)
