@@ -11,10 +11,12 @@ import antumbra as at
 from antumbra.engine import accelerator, auto_accelerator, calibration, tree_choice
 from antumbra.engine.auto import cost_model
 from antumbra.engine.auto.cost_model import BEST, GOOD, GUIDED, QUICK
-from antumbra.engine.auto.strategies import sampled_candidates
+from antumbra.engine.auto.query_features import features_of
+from antumbra.engine.auto.strategies import SceneExtent, sampled_candidates, suitable_strategies
 from antumbra.engine.method_registry import TRACERS
 from antumbra.picture.renderer import Renderer
 from antumbra.query.light_samples import light_samples
+from antumbra.query.query_bounds import triangle_box
 from antumbra.techniques.rayhierarchy.cone_tracer import FastestCones
 from antumbra.trace.tracer_cost import TreelessCost
 from asking import query_of
@@ -195,7 +197,7 @@ def test_nothing_pays_twice():
 
 def _cheap_culling(monkeypatch):
     monkeypatch.setattr(auto_accelerator, "mark_seconds", lambda receivers, lights: 0.0)
-    monkeypatch.setattr(auto_accelerator, "select_seconds", lambda triangles: 0.0)
+    monkeypatch.setattr(auto_accelerator, "select_seconds", lambda triangles, share: 0.0)
 
 
 def corner(scene, size=(48, 40)):
@@ -258,7 +260,7 @@ def test_all_expected_frames_pay_for_the_tree_of_the_first(scene, monkeypatch):
 
 def test_culling_is_abandoned_if_nearly_everything_remains(scene, monkeypatch):
     monkeypatch.setattr(auto_accelerator, "mark_seconds", lambda receivers, lights: 0.0)
-    monkeypatch.setattr(auto_accelerator, "select_seconds", lambda triangles: 5e-5)
+    monkeypatch.setattr(auto_accelerator, "select_seconds", lambda triangles, share: 5e-5)
     monkeypatch.setattr(cost_model, "build_seconds", lambda tree, n: 1e-7 * n)
     monkeypatch.setattr(auto_accelerator, "relevant_share", lambda triangles, marking: 0.98)
     frame = Renderer(scene).render(scene.cameras[0].resized(48, 40), [LAMP])
@@ -429,5 +431,24 @@ def test_candidates_of_cones_are_estimated_from_a_sample(scene, height):
     triangles, query = query_of(
         hall, at.Camera((-6, 6, -6), (-3, 0, -3), width=96, height=80), at.PointLight((-0.3, height, -0.3)), 1
     )
-    found = sampled_candidates(TRACERS["cones"], triangles, query)
+    features = features_of(query, len(triangles.vertices), triangle_box(triangles))
+    found = sampled_candidates(TRACERS["cones"], triangles, query, features)
     assert (found > 0.0) == (height > 0.0)
+
+
+@pytest.mark.parametrize("conversion", [0.0, 1.0])
+def test_forecasts_count_the_conversion_of_a_tree(scene, monkeypatch, conversion):
+    """A tracer that needs another form of the tree is expected only where its rays pay for the conversion."""
+    triangles, query = query_of(
+        scene, at.Camera((0, 2, 6), (0, 2, 0), width=96, height=80), at.PointLight((0, 4, 0)), 1
+    )
+    extent = SceneExtent(len(triangles.vertices), triangle_box(triangles))
+    names = suitable_strategies(query, extent.box)
+    fastest = names[0]
+    rates = {name: 1e-9 if name == fastest else 2e-9 for name in names}
+    monkeypatch.setattr(auto_accelerator, "predicted_rate", lambda name, features: rates[name])
+    conversions = dict.fromkeys(names, 0.0) | {fastest: conversion}
+    monkeypatch.setattr(auto_accelerator, "form_seconds", lambda name, n: conversions[name])
+    forecast = auto_accelerator.forecast_of([query], extent)
+    assert (forecast.strategy == fastest) == (conversion == 0.0)
+    assert forecast.seconds == pytest.approx((1.0 + conversion) * 1e-9 * forecast.features[0].rays)

@@ -37,7 +37,7 @@ def costs(monkeypatch):
         monkeypatch.setattr(cost_model, "build_seconds", lambda tree, n: seconds[tree])
         monkeypatch.setattr(cost_model, "form_seconds", lambda strategy, triangles: 1e-6 * triangles)
         monkeypatch.setattr(auto_accelerator, "mark_seconds", lambda receivers, lights: culling)
-        monkeypatch.setattr(auto_accelerator, "select_seconds", lambda triangles: 0.0)
+        monkeypatch.setattr(auto_accelerator, "select_seconds", lambda triangles, share: 0.0)
         monkeypatch.setattr(cones, "cost", TreelessCost(cones_take, load=0.0))
 
     set_costs()

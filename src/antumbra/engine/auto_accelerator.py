@@ -57,6 +57,7 @@ from .auto.cost_model import (
     RAY_SECONDS,
     best_pays,
     choose_builder,
+    form_seconds,
     lost_share,
     mark_seconds,
     predicted_rate,
@@ -222,12 +223,12 @@ class AutoAccelerator(Accelerator):
         if all(is_scattered(query, extent.box) for query in queries):
             return None  # so do those of points everywhere
         tree, direct = partial(_new_tree_seconds, forecast), self._tree_seconds(n, forecast)
-        select, mark = select_seconds(n), mark_seconds(forecast.receivers, len(queries))
-        if not _loads.pays("culling", direct - mark - select - tree(round(memory.share * n))):
+        culled = lambda share: select_seconds(n, share) + tree(round(share * n))
+        if not _loads.pays("culling", direct - mark_seconds(forecast.receivers, len(queries)) - culled(memory.share)):
             return None
         marking = mark_segments(triangles, queries, self.threads)
         memory.share = relevant_share(triangles, marking)
-        if select + tree(round(memory.share * n)) > direct:
+        if culled(memory.share) > direct:
             memory.patience, memory.share = _PATIENCE, FIRST_SHARE
             return None
         return select_relevant(triangles, marking, self.threads)
@@ -257,7 +258,8 @@ class AutoAccelerator(Accelerator):
             if not is_compiled(f"{name} (raster)") or not _loads.pays(name, with_tree - seconds, cost.load):
                 continue
             if cost.candidate and with_tree > _WORTH_SAMPLING and n > _FEW_TRIANGLES:
-                seconds += 1e-9 * cost.candidate * sum(sampled_candidates(tracer, triangles, each) for each in queries)
+                counts = (sampled_candidates(tracer, triangles, *each) for each in zip(queries, forecast.features))
+                seconds += 1e-9 * cost.candidate * sum(counts)
             if seconds < with_tree:
                 return name
         return None
@@ -354,8 +356,9 @@ def forecast_of(queries: Sequence[ShadowQuery], extent: SceneExtent) -> Forecast
         features = features_of(query, n, box)
         receivers[id(query.origins)] = features.receivers
         of_queries.append(features)
-        rate, strategy = min((predicted_rate(name, features), name) for name in suitable_strategies(query, box))
-        seconds = rate * features.rays
+        traced = {name: predicted_rate(name, features) * features.rays for name in suitable_strategies(query, box)}
+        strategy = min(traced, key=lambda name: traced[name] + form_seconds(name, n))
+        seconds = traced[strategy]
         total += seconds
         lost += seconds * lost_share(strategy)
         if seconds > most:

@@ -220,35 +220,51 @@ def _bytes_at(p, at):
 
 
 @inlined
-def sides_in_rows(p, first, w):
-    """The sides of the 4 x 4 pixels from pixel `first` on, in rows of w, i32x16."""
-    return _sides_at(p, (first, first + w, first + 2 * w, first + 3 * w))
+def rows_of_block(first, w):
+    """The quarters of the 4 x 4 pixels from pixel `first` on, in rows of w."""
+    return first, first + w, first + 2 * w, first + 3 * w
 
 
 @inlined
-def _sides_at(p, at):
-    """The sides of 16 receivers in `_quarters`, i32x16."""
-    a, b, c, d = at
+def sides_in_quarters(p, quarters):
+    """The sides of 16 receivers, as `points_in_quarters`, i32x16; p: pointer to int8."""
+    a, b, c, d = quarters
     words = join(join(_bytes_at(p, a), _bytes_at(p, b)), join(_bytes_at(p, c), _bytes_at(p, d)))
     left = (splat16(np.int32(3)) - (iota16() & splat16(np.int32(3)))) << splat16(np.int32(3))
     return (words << left) >> splat16(np.int32(24))  # byte i of each word, with its sign
 
 
+@inlined
+def points_in_quarters(p, quarters, scratch):
+    """16 points, three f32x16; quarters: indices of points 0, 4, 8 and 12, each followed by those of the next three.
+
+    scratch : pointer to 48 float32
+    """
+    a, b, c, d = quarters
+    for k in range(0, 12, 4):
+        store(scratch, k, load4(p, 3 * a + k))
+        store(scratch, 12 + k, load4(p, 3 * b + k))
+        store(scratch, 24 + k, load4(p, 3 * c + k))
+        store(scratch, 36 + k, load4(p, 3 * d + k))
+    return load16x3(scratch, 0)
+
+
+@inlined
+def integers_in_quarters(p, quarters):
+    """16 int32, as `points_in_quarters`, i32x16."""
+    a, b, c, d = quarters
+    return join(join(load4(p, a), load4(p, b)), join(load4(p, c), load4(p, d)))
+
+
 @kernel
 def _load_full(chunk, y0, x0, tile):
     """`load_receivers` of a tile that lies entirely within the picture."""
-    query, rows_of_three, (a, b, c, d) = chunk.query, stack_f32(48), _quarters(chunk, y0, x0)
-    for k in range(0, 12, 4):
-        store(rows_of_three, k, load4(query.origins, 3 * a + k))
-        store(rows_of_three, 12 + k, load4(query.origins, 3 * b + k))
-        store(rows_of_three, 24 + k, load4(query.origins, 3 * c + k))
-        store(rows_of_three, 36 + k, load4(query.origins, 3 * d + k))
-    x, y, z = load16x3(rows_of_three, 0)
+    query, quarters = chunk.query, _quarters(chunk, y0, x0)
+    x, y, z = points_in_quarters(query.origins, quarters, stack_f32(48))
     store(tile.origins, 0, x)
     store(tile.origins, 16, y)
     store(tile.origins, 32, z)
-    ids = join(join(load4(query.ids, a), load4(query.ids, b)), join(load4(query.ids, c), load4(query.ids, d)))
-    sides = _sides_at(query.sides, (a, b, c, d))
+    ids, sides = integers_in_quarters(query.ids, quarters), sides_in_quarters(query.sides, quarters)
     store(tile.faces, 0, ids)
     store(tile.sides, 0, select(sides == np.int32(FREE), splat16(_F(0.0)), to_f32(sides)))
     return bits(sides != np.int32(NOTHING))

@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 
 from antumbra.query.receivers import FREE
+from antumbra.techniques.rayhierarchy.box_nodes import Boxes
 from antumbra.techniques.rayhierarchy.light_beams import PERSPECTIVE, beams_of
 from antumbra.techniques.rayhierarchy.pixel_blocks import rays_by_blocks
+from antumbra.techniques.rayhierarchy.ray_leaves import BLOCK_BOX
+from antumbra.techniques.rayhierarchy.ray_tree import tree_of
 from beam_scenes import on_surfaces
 from hierarchies import receivers_in
 
@@ -72,3 +75,18 @@ def test_projected_coordinates_are_those_of_the_receivers_on_their_face(shape):
                 np.testing.assert_allclose(x[leaf][lanes], d[:, k] / depth, atol=1e-5)
             seen += lanes.sum()
     assert seen == (ids >= 0).sum() > 0
+
+
+@pytest.mark.parametrize("shape", [(64, 64), (41, 38)])
+def test_boxes_written_with_blocks_are_those_of_their_rays(shape):
+    """Blocks that are a single leaf have a box, and nodes are the same without it."""
+    _, query = on_surfaces(7, "point", shape, spp=1)
+    (beam,) = beams_of(query)
+    rays = rays_by_blocks(query, beam, np.zeros((*shape, 1), np.uint64), 2, projected=True)
+    has_box = rays.boxes[BLOCK_BOX * rays.blocks] < np.inf
+    alone = np.bincount(rays.blocks)[rays.blocks] == 1
+    np.testing.assert_array_equal(has_box, alone)
+    assert 0 < alone.sum() < len(alone)
+    trees = [tree_of(Boxes, beam, each, 2) for each in (rays, rays._replace(boxes=np.full_like(rays.boxes, np.inf)))]
+    np.testing.assert_array_equal(trees[0].numbers, trees[1].numbers)
+    np.testing.assert_array_equal(trees[0].alive, trees[1].alive)

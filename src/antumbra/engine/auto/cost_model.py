@@ -35,7 +35,7 @@ _GOOD_OVERHEAD = 0.12  # relative increase of the trace time in a GOOD tree over
 _MAX_BEST_TRIANGLES = 1 << 24  # `reinsert` takes about 100 bytes per triangle while it runs
 _REFIT = 15.0  # nanoseconds per triangle
 _MARK, _MARK_RECEIVER, _MARK_LIGHT = 8e5, 9.0, 6e5  # culling: nanoseconds in all, per receiver and per light
-_SELECT = 14.0  # culling: nanoseconds per triangle of the scene
+_SELECT, _PACK = 3.0, 18.0  # culling: nanoseconds per triangle of the scene, and per triangle that remains
 _MORTON_CAPACITY = 1 << 18  # triangles that the Morton cells of QUICK can separate
 
 
@@ -161,9 +161,9 @@ def mark_seconds(receivers: int, lights: int) -> float:
     return 1e-9 * (_MARK + _MARK_RECEIVER * receivers + _MARK_LIGHT * lights)
 
 
-def select_seconds(triangles: int) -> float:
-    """Predicted seconds to find the triangles in marked cells."""
-    return 1e-9 * _SELECT * triangles
+def select_seconds(triangles: int, share: float) -> float:
+    """Predicted seconds to find the triangles in marked cells, and to pack them; `share`: those of all triangles."""
+    return 1e-9 * (_SELECT + _PACK * share) * triangles
 
 
 def seconds_before_best(triangles: int) -> float:

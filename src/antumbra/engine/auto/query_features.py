@@ -62,7 +62,7 @@ def features_of(query: ShadowQuery, triangles: int, box: NDArray[np.float32]) ->
 def _features_of(query: ShadowQuery, triangles: int, box: NDArray[np.float32]) -> QueryFeatures:
     size = size_of(box)
     stratum, chunk = (_relative(extent, size) for extent in _light_sizes(query))
-    receivers = int(np.count_nonzero(query.sides != NOTHING))
+    receivers = int(np.count_nonzero(query.sides))  # NOTHING is 0; a comparison would need memory of its own
     tile, kind = _relative(tile_size(query), size), query.light.kind
     if kind == DIRECTIONAL and is_incoherent(query):
         kind = LIST
@@ -90,16 +90,19 @@ def tile_size(query: ShadowQuery) -> float:
     h, w = query.sides.shape
     width, height = tile_shape(query)[:2]
     rows, columns = max(h // height, 1), max(w // width, 1)
-    tiles = _distinct(np.linspace(0, rows * columns - 1, _MEASURED_TILES).astype(int))
+    count = min(rows * columns, _MEASURED_TILES)
+    tiles = np.arange(count) * (rows * columns - 1) // max(count - 1, 1)
     y, x = tiles // columns * height, tiles % columns * width
     at = np.s_[(y[:, None] + np.arange(min(height, h)))[:, :, None], (x[:, None] + np.arange(min(width, w)))[:, None]]
     points, valid = query.origins[at].reshape(len(tiles), -1, 3), query.sides[at].reshape(len(tiles), -1) != NOTHING
-    valid = valid[:, :, None]
-    several = valid.sum((1, 2)) > 1
+    if valid.all() and valid.shape[1] > 1:  # as in most pictures
+        return float((points.max(1).astype(np.float64) - points.min(1)).sum(1).mean())
+    several = valid.sum(1) > 1
     if not several.any():
         return 0.0
-    lower, upper = np.where(valid, points, np.inf).min(1), np.where(valid, points, -np.inf).max(1)
-    return float((upper[several].astype(np.float64) - lower[several]).sum(1).mean())
+    points, there = points[several], valid[several][:, :, None]
+    lower, upper = np.where(there, points, np.inf).min(1), np.where(there, points, -np.inf).max(1)
+    return float((upper.astype(np.float64) - lower).sum(1).mean())
 
 
 def facing_share(query: ShadowQuery) -> float:

@@ -379,8 +379,10 @@ def sampled_rate(strategy: str, forms: TreeForms, query: ShadowQuery, threads: i
     return min(_rate_of(strategy, forms, sample, threads) for _ in range(2))
 
 
-def sampled_candidates(tracer: Tracer, triangles: Triangles, query: ShadowQuery) -> float:
+def sampled_candidates(tracer: Tracer, triangles: Triangles, query: ShadowQuery, features: QueryFeatures) -> float:
     """`counters.CANDIDATES` of a tracer without a tree, estimated from a few windows of the query and a few triangles.
+
+    features : of the query
 
     The estimate is several times too high, because fewer triangles block fewer rays early.
     """
@@ -391,7 +393,7 @@ def sampled_candidates(tracer: Tracer, triangles: Triangles, query: ShadowQuery)
     ids = rows.astype(np.int32) if solid is None else solid[rows]
     sample, counters = sample_of(query, _CANDIDATE_WINDOWS), new_counters()
     tracer.trace(Soup(triangles.vertices.reshape(-1, 9)[ids], ids), sample, new_bits(sample), 1, counters)
-    scale = n / max(len(ids), 1) * ray_count(query) / max(ray_count(sample), 1)
+    scale = n / max(len(ids), 1) * features.rays / max(ray_count(sample), 1)
     return scale * int(counters[CANDIDATES])
 
 

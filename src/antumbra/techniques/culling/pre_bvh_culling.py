@@ -23,7 +23,7 @@ from ...bvh.triangle_bounds import corners_of
 from ...kernels.jit import I32Ptr, U8Ptr, inlined, kernel
 from ...kernels.parallel import CHUNK, items, new_ticket, run, shares, thread_count
 from ...kernels.simd import all_lanes, extract, get, load4, load8, mask_from_bits4, maximum, minimum, ptr, put, store
-from ...query.query_bounds import bounds
+from ...query.query_bounds import triangle_box
 from ...query.shadow_query import ShadowQuery
 from ...scene.triangle_setup import solid_vertices
 from ...scene.triangles import Triangles
@@ -195,10 +195,9 @@ Box: TypeAlias = tuple[NDArray[np.float64], NDArray[np.float64]]
 """Lower and upper corner, (3,) float64."""
 
 
-def segment_box(groups: Sequence[QueryGroup], corners: NDArray[np.float32], threads: int) -> Box | None:
-    """The intersection of the box of all segments and the box of all triangles; None if it is empty."""
-    boxes = [(np.array(bounds_of(tiles)), queries) for tiles, queries in groups]
-    return box_of_segments(boxes, np.array(bounds(corners.reshape(-1, 3), threads)))
+def segment_box(groups: Sequence[QueryGroup], triangles: NDArray[np.float32]) -> Box | None:
+    """The intersection of the box of all segments and the box of all triangles, (2, 3); None if it is empty."""
+    return box_of_segments([(np.array(bounds_of(tiles)), queries) for tiles, queries in groups], triangles)
 
 
 def box_of_segments(
@@ -220,8 +219,8 @@ def box_of_segments(
 class MarkingMethod(NamedTuple):
     """A way to mark the cells between receivers and lights, in three functions."""
 
-    box: Callable[[Sequence[QueryGroup], NDArray[np.float32], int], Box | None]
-    """The grid's box, from groups with receivers, triangles, (n, 9) float32, and threads; None: nothing to keep."""
+    box: Callable[[Sequence[QueryGroup], NDArray[np.float32]], Box | None]
+    """The grid's box, from groups with receivers, and the box of all triangles, (2, 3); None: nothing to keep."""
     sources: Callable[[ReceiverTiles, CellGrid, int], NDArray[Any]]
     """The places of receivers in the grid, one per row, as `mark` takes them."""
     mark: Callable[[NDArray[Any], ShadowQuery, CellGrid, NDArray[np.uint8], int], int]
@@ -351,11 +350,10 @@ def _grid_of(
     triangles: Triangles,
     threads: int,
     n: int,
-    box_of: Callable[[Sequence[QueryGroup], NDArray[np.float32], int], Box | None],
+    box_of: Callable[[Sequence[QueryGroup], NDArray[np.float32]], Box | None],
 ) -> CellGrid | None:
     """The grid of groups of queries; None: no segment can meet a triangle."""
-    corners = triangles.vertices.reshape(-1, 9)
-    box = box_of(groups, corners, threads) if groups and len(corners) else None
+    box = box_of(groups, triangle_box(triangles, threads)) if groups and len(triangles.vertices) else None
     return None if box is None else grid_over(*box, n)
 
 

@@ -42,7 +42,7 @@ from ...kernels.simd import (
 from ...kernels.vec3 import Vec3, cross, dot, largest, rows, scale3, subtract3
 from . import ray_tree
 from .light_beams import AROUND, PERSPECTIVE, projected16, relative16, turned
-from .ray_leaves import HUGE, block_of, origins_in
+from .ray_leaves import BLOCK_BOX, HUGE, block_of, origins_in
 from .shadow_planes import (
     COVERS,
     INNER,
@@ -394,6 +394,10 @@ def _box_of_leaf(view, face, leaves, leaf, group, lane):
     if lanes == 0:
         return False
     there, block, inf = mask_from_bits16(lanes), block_of(leaves, leaf), _F(np.inf)
+    if leaves.width > 0 and get(leaves.boxes, BLOCK_BOX * block) < inf:
+        for k in range(ROWS):
+            put(group, k * ways + lane, get(leaves.boxes, BLOCK_BOX * block + k))
+        return True
     if leaves.width > 0:
         u, v, q = rows(leaves.points, 48 * block, 16)
     else:

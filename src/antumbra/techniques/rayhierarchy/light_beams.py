@@ -8,7 +8,7 @@ own beam.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -295,6 +295,14 @@ class QueryBits(NamedTuple):
     bits: U64Ptr  # uint64 *
 
 
+class SixteenReceivers(NamedTuple):
+    """16 receivers of a query, i32x16 each."""
+
+    ids: Any  # their indices
+    sides: Any  # NOTHING: none of the beam's receivers
+    faces: Any
+
+
 @inlined
 def query_bits_of(query, bits):
     """The `QueryBits` of a ShadowQuery and the array of its answer bits."""
@@ -441,14 +449,15 @@ def _active_one_by_one(query_bits, samples, ids, lanes, counters):
 
 
 @kernel
-def active_receivers(query_bits, view, samples, ids, sides, light_sides, counters):
+def active_receivers(query_bits, view, samples, receivers, light_sides, counters):
     """Bits of the active ones among 16 receivers; sets the answer bits of samples below a receiver's surface.
 
     query_bits, view : from `query_bits_of` and `view_of`
-    ids, sides : i32x16, indices of the receivers, and their sides from `sides_of`
+    receivers : `SixteenReceivers`
     light_sides : pointer to int8, from `new_light_sides`
     """
-    valid, faces, at = bits(sides != np.int32(NOTHING)), gather(query_bits.query.faces, ids), stack_i32(16)
+    (ids, sides, faces), at = receivers, stack_i32(16)
+    valid = bits(sides != np.int32(NOTHING))
     count(counters, RAYS, samples.n_samples * popcount(valid))
     on_face, known = valid & bits(faces >= np.int32(0)), _known_sides(light_sides, faces)
     unknown = on_face & bits(known == np.int32(0))

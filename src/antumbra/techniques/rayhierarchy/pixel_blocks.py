@@ -36,13 +36,15 @@ from ...kernels.simd import (
     stack_i64,
     store,
 )
+from ...kernels.vec3 import Vec3
 from ...query.shadow_query import ShadowQuery
 from ...trace.counters import N_COUNTERS, add_counters, cleared
-from ...trace.tile import sides_in_rows
+from ...trace.tile import integers_in_quarters, points_in_quarters, rows_of_block, sides_in_quarters
 from .light_beams import (
     PERSPECTIVE,
     Beam,
     ConeSamples,
+    SixteenReceivers,
     active_receivers,
     new_light_sides,
     origins_of,
@@ -52,14 +54,26 @@ from .light_beams import (
     view_of,
 )
 from .projected_rays import new_projected_blocks
-from .ray_leaves import HUGE, PAD, Empty, LeafCut, LeafRays, block_pointers, new_blocks, pixels_of_block, rays_in
+from .ray_leaves import (
+    BLOCK_BOX,
+    HUGE,
+    PAD,
+    Empty,
+    LeafCut,
+    LeafRays,
+    block_pointers,
+    new_blocks,
+    pixels_of_block,
+    rays_in,
+)
 from .receiver_order import at_apex, cells_of, keys_of, scale_of, sort_by_keys, split_by_face
 
 GROUPS = 8  # groups per block, at most; there are six faces
 _PART = 256  # blocks per work item
 _ROOM = _PART * GROUPS + PAD
-_CENTRES = 2 * _ROOM
+_BOXES = 4 * _ROOM
 _LANES = 16  # bits of a group's lanes, below the number of its block
+_FEW = 1 << 18  # keys that one thread sorts sooner than several, which write to the same cache lines
 _DROPPED = 1  # levels of the Hilbert curve that keys of blocks leave out: three passes sort them instead of four
 _F = np.float32
 _INF = _F(np.inf)
@@ -94,21 +108,21 @@ def _beyond_gap(x, lanes, extent):
 
 @kernel
 def _cut(face, u, v, lanes, whole):
-    """(bits of the lanes to cut off a group, centre of the group in u and v if there are none).
+    """(bits of the lanes to cut off a group, extents of the group in u and v if there are none).
 
     face, u, v : of all lanes, as from `_projected`
     whole : cut by face only
     """
     others = lanes & ~bits_of(face == extract(face, lowest_bit(lanes)))
     if others != 0:
-        return others, _F(0.0), _F(0.0)
+        return others, (_INF, -_INF), (_INF, -_INF)
     across, along = _extent(u, lanes), _extent(v, lanes)
     if not whole and lanes & (lanes - 1) != 0:
         if across[1] - across[0] > along[1] - along[0]:
             others = _beyond_gap(u, lanes, across)
         else:
             others = _beyond_gap(v, lanes, along)
-    return others, (across[0] + across[1]) * _HALF, (along[0] + along[1]) * _HALF
+    return others, across, along
 
 
 class _PartGroups(NamedTuple):
@@ -116,7 +130,7 @@ class _PartGroups(NamedTuple):
 
     lanes: I32Ptr  # int32: bits of lanes
     faces: I32Ptr  # int32
-    centres: F32Ptr  # float32: u of all groups, and from _ROOM on v
+    boxes: F32Ptr  # float32: the lowest u of all groups, from _ROOM on the highest u, then the lowest and highest v
 
 
 @kernel
@@ -134,8 +148,10 @@ def _groups(face, u, v, active, first, out):
             n += 1
         else:
             put(out.faces, first + i, extract(face, lowest_bit(lanes)))
-            put(out.centres, first + i, across)
-            put(out.centres, first + i + _ROOM, along)
+            put(out.boxes, first + i, across[0])
+            put(out.boxes, first + i + _ROOM, across[1])
+            put(out.boxes, first + i + 2 * _ROOM, along[0])
+            put(out.boxes, first + i + 3 * _ROOM, along[1])
             i += 1
     return n
 
@@ -151,10 +167,16 @@ def _projected(view, d):
 
 
 @inlined
+def _middle(boxes, i):
+    """f32x16: the middles of extents, whose ends are _ROOM numbers apart."""
+    return (load16(boxes, i) + load16(boxes, i + _ROOM)) * _HALF
+
+
+@inlined
 def _write_keys(view, scale, groups, n, keys, at):
     """Write the sorting keys of a part's n groups, from position `at` on."""
     for i in range(0, n, 16):
-        u, v = load16(groups.centres, i), load16(groups.centres, i + _ROOM)
+        u, v = _middle(groups.boxes, i), _middle(groups.boxes, i + 2 * _ROOM)
         if view.kind == PERSPECTIVE:
             u, v = u * _HALF + _HALF, v * _HALF + _HALF
         else:
@@ -165,25 +187,62 @@ def _write_keys(view, scale, groups, n, keys, at):
 # --- Receivers of a block ---------------------------------------------------------------------------------------------
 
 
+class _ReadBlock(NamedTuple):
+    """The receivers of a block, and their positions."""
+
+    receivers: SixteenReceivers
+    origins: Vec3
+
+
 @inlined
-def _keep(query_bits, blocks, block, ids, o, active):
+def _read_full(query, y, x, ids, scratch):
+    """The `_ReadBlock` of the pixels at (y, x), which must all exist; scratch: pointer to 48 float32."""
+    rows = rows_of_block(y * query.w + x, query.w)
+    o = points_in_quarters(query.origins, rows, scratch)
+    faces, sides = integers_in_quarters(query.faces, rows), sides_in_quarters(query.sides, rows)
+    return _ReadBlock(SixteenReceivers(ids, sides, faces), Vec3(o[0], o[1], o[2]))
+
+
+@inlined
+def _read_some(query_bits, samples, ids, there):
+    """The `_ReadBlock` of receivers, of which only some (bits) may exist, or be of the beam's sample set."""
+    receivers = SixteenReceivers(ids, sides_of(query_bits, samples, ids, there), gather(query_bits.query.faces, ids))
+    return _ReadBlock(receivers, origins_of(query_bits, ids))
+
+
+@inlined
+def _keep(blocks, block, read, active):
     """Write a block's active receivers. The other lanes repeat the position of one of them."""
     there, one = mask_from_bits16(active), lowest_bit(active) & 15
-    store(blocks.ids, 16 * block, select(there, ids, np.int32(-1)))
-    store(blocks.own, 16 * block, gather(query_bits.query.faces, ids))
+    store(blocks.ids, 16 * block, select(there, read.receivers.ids, np.int32(-1)))
+    store(blocks.own, 16 * block, read.receivers.faces)
     for k in range(3):
-        at = 16 * (3 * block + k)
-        store(blocks.origins, at, o[k])
-        store(blocks.origins, at, select(there, o[k], broadcast16(blocks.origins, at + one)))
+        at, o = 16 * (3 * block + k), read.origins[k]
+        store(blocks.origins, at, o)
+        store(blocks.origins, at, select(there, o, broadcast16(blocks.origins, at + one)))
 
 
 @inlined
-def _keep_projected(points, block, u, v, q):
+def _keep_projected(blocks, block, faces, u, v, q):
     """Write a block's projected receivers; NaN, which decides no test, for those too close to the apex."""
+    points = blocks.points
+    store(blocks.own, 16 * block, faces)
     known, nan = (q > _F(0.0)) & (q < HUGE), _F(np.nan)
     store(points, 48 * block, select(known, u, nan))
     store(points, 48 * block + 16, select(known, v, nan))
     store(points, 48 * block + 32, select(known, q, nan))
+
+
+@inlined
+def _keep_box(blocks, block, group, boxes, q, active):
+    """Write the box of a block that is a single group. A receiver too close to the apex leaves it without one."""
+    low, high = _extent(q, active)
+    known = low > _F(0.0) and high < HUGE
+    put(blocks.boxes, BLOCK_BOX * block, get(boxes, group) if known else _INF)
+    for k in range(1, 4):
+        put(blocks.boxes, BLOCK_BOX * block + k, get(boxes, group + k * _ROOM))
+    put(blocks.boxes, BLOCK_BOX * block + 4, low)
+    put(blocks.boxes, BLOCK_BOX * block + 5, high)
 
 
 @kernel
@@ -192,31 +251,34 @@ def _write_groups(ticket, query, beam, scale, bits, arrays, block_groups, light_
     # In: query, beam, scale (of the keys), bits. Out: bits, block_groups, light_sides (int8, by triangle)
     query_bits, view, known = query_bits_of(query, bits), view_of(beam), ptr(light_sides)
     samples, (h, w) = ConeSamples(beam.first, beam.n_samples, beam.set), query.sides.shape
-    blocks, groups = block_pointers(arrays), _PartGroups(stack_i32(_ROOM), stack_i32(_ROOM), stack_f32(_CENTRES))
+    blocks, groups = block_pointers(arrays), _PartGroups(stack_i32(_ROOM), stack_i32(_ROOM), stack_f32(_BOXES))
     keys, lanes, mine = ptr(block_groups.keys), ptr(block_groups.lanes), cleared(stack_i64(N_COUNTERS))
-    columns = (w + 3) >> 2
+    columns, scratch = (w + 3) >> 2, stack_f32(48)
     for first, end in shares(ticket):
         part, total = first // ticket[CHUNK], 0
         for block in range(first, end):
             y, x = block // columns * 4, block % columns * 4
             ids, there = pixels_of_block(y, x, h, w)
             if there == 0xFFFF and samples.set < 0:
-                sides = sides_in_rows(query_bits.query.sides, y * w + x, w)
+                read = _read_full(query_bits.query, y, x, ids, scratch)
             else:
-                sides = sides_of(query_bits, samples, ids, there)
-            o = origins_of(query_bits, ids)
-            d = relative16(view, o)
-            active = active_receivers(query_bits, view, samples, ids, sides, known, mine) & ~at_apex(view, d)
+                read = _read_some(query_bits, samples, ids, there)
+            d = relative16(view, read.origins)
+            active = active_receivers(query_bits, view, samples, read.receivers, known, mine) & ~at_apex(view, d)
             if active == 0:
                 if blocks.width == 0:
                     store(blocks.ids, 16 * block, splat16(np.int32(-1)))
                 continue
             face, u, v, q = _projected(view, d)
             if blocks.width > 0:
-                _keep_projected(blocks.points, block, u, v, q)
+                _keep_projected(blocks, block, read.receivers.faces, u, v, q)
             else:
-                _keep(query_bits, blocks, block, ids, o, active)
+                _keep(blocks, block, read, active)
             n = _groups(face, u, v, active, total, groups)
+            if blocks.width > 0 and n == 1:
+                _keep_box(blocks, block, total, groups.boxes, q, active)
+            elif blocks.width > 0:
+                put(blocks.boxes, BLOCK_BOX * block, _INF)
             for i in range(total, total + n):
                 put(lanes, part * _ROOM + i, get(groups.lanes, i) | block - first << _LANES)
             total += n
@@ -275,7 +337,7 @@ def rays_by_blocks(
     leaves = int(starts[-1])
     keys, places = empty(leaves, np.int32), empty(leaves, np.int32)
     run_short(_gather_groups, threads, new_ticket(parts, 16), groups, starts, keys, places)
-    order = sort_by_keys(keys, places, threads, _DROPPED)
+    order = sort_by_keys(keys, places, threads if leaves > _FEW else 1, _DROPPED)
     cut = LeafCut(empty(leaves, np.int32), empty(leaves, np.int32), order.starts, order.faces, True)
     run_short(_write_cut, threads, new_ticket(leaves, 4096), groups, order.ids, cut.blocks, cut.lanes)
     return rays_in(query, beam, blocks, cut, bits, threads, empty)

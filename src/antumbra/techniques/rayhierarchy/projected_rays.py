@@ -11,13 +11,13 @@ import numpy as np
 
 from ...kernels.exact.predicate import segment
 from ...kernels.jit import inlined, kernel
-from ...kernels.simd import atomic_or, bits, fma, gather, get, lowest_bit, ptr_at
+from ...kernels.simd import atomic_or, bits, fma, get, load16, lowest_bit, ptr_at
 from ...kernels.vec3 import rows
 from ...query.shadow_query import ShadowQuery
 from ...trace.counters import TRIANGLE_TESTS, count
 from ...trace.rays.ray_traversal import settle
 from .box_nodes import height
-from .ray_leaves import PAD, Blocks, Empty, block_of, pixels_of_block, receiver_at
+from .ray_leaves import BLOCK_BOX, PAD, Blocks, Empty, block_of, receiver_at
 from .shadow_planes import COVERS, INNER, OUTER, TRIANGLE, integer, number16
 
 _F = np.float32
@@ -25,9 +25,10 @@ _F = np.float32
 
 def new_projected_blocks(n: int, query: ShadowQuery, empty: Empty) -> Blocks:
     """Allocate n blocks of 4 x 4 pixels for projected rays."""
-    (h, w), points = query.sides.shape, empty(48 * n + PAD, np.float32)
+    (h, w), points, own = query.sides.shape, empty(48 * n + PAD, np.float32), empty(16 * n, np.int32)
     points[-PAD:] = 0
-    return Blocks(n, 16, query.origins.reshape(-1), np.zeros(PAD, np.int32), query.faces.reshape(-1), points, w, h)
+    boxes = empty(BLOCK_BOX * n, np.float32)
+    return Blocks(n, 16, query.origins.reshape(-1), np.zeros(PAD, np.int32), own, points, w, h, boxes)
 
 
 @inlined
@@ -53,9 +54,8 @@ def meet_projected(points, row):
 def _decide(leaves, block, soup, slot, facing, undecided, counters):
     """Bits of the `undecided` rays of a block that the triangle in a slot of the soup blocks, exactly."""
     # In: leaves (`LeafRays`), facing, as in `block_projected`
-    columns, blocked = (leaves.width + 3) >> 2, 0
-    ids, _ = pixels_of_block(block // columns * 4, block % columns * 4, leaves.height, leaves.width)
-    undecided &= ~bits(gather(leaves.own, ids) == get(soup.ids, slot))
+    blocked = 0
+    undecided &= ~bits(load16(leaves.own, 16 * block) == get(soup.ids, slot))
     while undecided != 0:
         lane = lowest_bit(undecided)
         undecided &= undecided - 1

@@ -102,6 +102,7 @@ def borrowed() -> Iterator[Empty]:
 # --- Leaves -----------------------------------------------------------------------------------------------------------
 
 HUGE = np.float32(1e30)  # of 1 / depth: receivers closer to the apex are not projected
+BLOCK_BOX = 8  # numbers from the box of a block to the next one
 PAD = 16  # padding at the end of an array, because kernels always read 16 numbers
 
 
@@ -115,7 +116,7 @@ class LeafRays(NamedTuple):
     ways: int  # rays per leaf and children per node: 4 or 16
     origins: np.ndarray  # (3 blocks ways + PAD,) float32: block, axis, lane; projected: of all receivers, (3 h w,)
     ids: np.ndarray  # (blocks ways + PAD,) int32: index of the receiver; -1: none; projected: (PAD,)
-    own: np.ndarray  # (blocks ways + PAD,) int32: the triangle that the receiver lies on; -1: none; projected: (h w,)
+    own: np.ndarray  # (blocks ways + PAD,) int32: the triangle that the receiver lies on; -1: none
     ends: np.ndarray  # (3 n_samples ways [blocks] + PAD,) float32: [block,] sample, axis, lane
     end_step: int  # float32 numbers from one block's ends to the next; 0: all blocks share their ends
     blocks: np.ndarray  # (leaves,) int32: the block of each leaf
@@ -130,6 +131,8 @@ class LeafRays(NamedTuple):
     points: np.ndarray  # (PAD,) float32; projected: (48 blocks + PAD,), block, (u, v, q), lane
     width: int  # 0; projected: of the picture
     height: int  # 0; projected: of the picture
+    boxes: np.ndarray  # (PAD,) float32; projected: (8 blocks,), the lowest and highest u, v and q of a block that is a
+    # single leaf, as 6 of 8 numbers; the first is inf where there is none
 
 
 class Blocks(NamedTuple):
@@ -143,6 +146,7 @@ class Blocks(NamedTuple):
     points: np.ndarray
     width: int
     height: int
+    boxes: np.ndarray
 
 
 class LeafCut(NamedTuple):
@@ -173,6 +177,7 @@ class Leaves(NamedTuple):
     points: F32Ptr
     width: int
     height: int
+    boxes: F32Ptr
 
 
 @inlined
@@ -181,7 +186,7 @@ def leaves_of(rays):
     return Leaves(
         rays.ways, ptr(rays.origins), ptr(rays.ids), ptr(rays.own), ptr(rays.ends), rays.end_step, ptr(rays.blocks),
         ptr(rays.lanes), ptr(rays.dead), rays.first, rays.n_samples, ptr(rays.samples), ptr(rays.points), rays.width,
-        rays.height,
+        rays.height, ptr(rays.boxes),
     )  # fmt: skip
 
 
@@ -231,6 +236,7 @@ def fetch_leaf(leaves, leaf):
     if leaves.width > 0:
         for k in range(0, 48, 16):
             prefetch(leaves.points, 48 * block + k)
+        prefetch(leaves.own, 16 * block)
         return
     for k in range(3):
         prefetch(leaves.origins, (3 * block + k) * leaves.ways)
@@ -275,9 +281,6 @@ def _fill_leaf(query_bits, leaves, leaf):
     """Mark the segments of a leaf that are dead before the traversal."""
     lanes = get(leaves.lanes, leaf)
     others = ~lanes & (1 << leaves.ways) - 1
-    if leaves.n_samples == 1:  # all receivers of a leaf are active, so their only sample is live
-        put(leaves.dead, leaf, others)
-        return
     ids = maximum(load16(leaves.ids, block_of(leaves, leaf) * leaves.ways), np.int32(0))
     there = ids * np.int32(2 * query_bits.query.words)
     for n in range(leaves.n_samples):
@@ -300,7 +303,8 @@ def new_blocks(n: int, ways: int, empty: Empty) -> Blocks:
     origins, ids, own = (empty(k * n * ways + PAD, kind) for k, kind in ((3, np.float32), (1, np.int32), (1, np.int32)))
     for padded in origins, ids, own:
         padded[-PAD:] = 0
-    return Blocks(n, ways, origins, ids, own, np.zeros(PAD, np.float32), 0, 0)
+    none = np.zeros(PAD, np.float32)
+    return Blocks(n, ways, origins, ids, own, none, 0, 0, none)
 
 
 @inlined
@@ -308,7 +312,7 @@ def block_pointers(blocks):
     """The same `Blocks` with pointers."""
     return Blocks(
         blocks.n, blocks.ways, ptr(blocks.origins), ptr(blocks.ids), ptr(blocks.own), ptr(blocks.points), blocks.width,
-        blocks.height,
+        blocks.height, ptr(blocks.boxes),
     )  # fmt: skip
 
 
@@ -320,12 +324,15 @@ def rays_in(
     step = 0 if beam.common else 3 * count * blocks.ways
     ends = empty((n * step if step else 3 * count * blocks.ways) + PAD, np.float32)
     ends[-PAD:] = 0
-    dead = np.empty((len(cut.blocks), count), np.int32)
+    dead = empty(len(cut.blocks) * count, np.int32).reshape(-1, count)
     rays = LeafRays(
         blocks.ways, blocks.origins, blocks.ids, blocks.own, ends, step, cut.blocks, cut.lanes, dead,
         beam.first, count, cut.starts, cut.faces, cut.placed, np.zeros(len(cut.blocks), np.int32), *blocks[5:],
     )  # fmt: skip
-    run_short(_fill_dead, threads, new_ticket(len(dead), 1024), query, bits, rays)
+    if count == 1:  # all receivers of a leaf are active, so their only sample is live
+        np.bitwise_xor(cut.lanes, (1 << blocks.ways) - 1, out=dead[:, 0])
+    else:
+        run_short(_fill_dead, threads, new_ticket(len(dead), 1024), query, bits, rays)
     if blocks.width:
         ends[:-PAD] = np.repeat(beam.apex.astype(np.float32), 16)  # the only end, exactly
     elif step:

@@ -112,28 +112,34 @@ def group_at(tree, group):
 
 
 @kernel
-def _bound(ticket, arrays, beam, rays, part, level):
-    """Worker: bound the nodes of one level by their rays, or by the nodes below. Missing nodes are zero."""
-    tree, leaves, view = tree_pointers(arrays), leaves_of(rays), view_of(beam)
-    n, start, ways = size_of(tree, part, level), groups_of(tree, part, level), np.int64(tree.ways)
-    below = groups_of(tree, part, max(level - 1, 0))
-    face, first_leaf = get(tree.faces, part), get(tree.leaves, part)
-    for g in items(ticket):
-        group, alive = group_at(tree, start + g), 0
-        for k in range(tree.step):
-            put(group, k, np.float32(0.0))
-        for lane in range(min(ways, n - g * ways)):
-            i = g * ways + lane
-            if level == 0:
-                known = bound_leaf(tree.nodes, view, face, leaves, first_leaf + i, group, lane)
-            else:
-                live = get(tree.alive, below + i)
-                known = live != 0
-                if known:
-                    bound_node(tree.nodes, group_at(tree, below + i), live, ways, group, lane)
+def _bound_nodes(tree, view, leaves, part, level, g):
+    """Bound the nodes of group g of a level by their rays, or by the nodes below. Missing nodes are zero."""
+    n, ways, group = size_of(tree, part, level), np.int64(tree.ways), group_at(tree, groups_of(tree, part, level) + g)
+    below, alive = groups_of(tree, part, max(level - 1, 0)), 0
+    for k in range(tree.step):
+        put(group, k, np.float32(0.0))
+    for lane in range(min(ways, n - g * ways)):
+        i = g * ways + lane
+        if level == 0:
+            known = bound_leaf(tree.nodes, view, get(tree.faces, part), leaves, get(tree.leaves, part) + i, group, lane)
+        else:
+            live = get(tree.alive, below + i)
+            known = live != 0
             if known:
-                alive |= 1 << lane
-        put(tree.alive, start + g, alive)
+                bound_node(tree.nodes, group_at(tree, below + i), live, ways, group, lane)
+        if known:
+            alive |= 1 << lane
+    put(tree.alive, groups_of(tree, part, level) + g, alive)
+
+
+@kernel
+def _bound(ticket, arrays, beam, rays, level, starts):
+    """Worker: bound the nodes of one level of all faces; starts: of each face, and the end, in groups of the level."""
+    tree, leaves, view, part = tree_pointers(arrays), leaves_of(rays), view_of(beam), 0
+    for g in items(ticket):
+        while starts[part + 1] <= g:
+            part += 1
+        _bound_nodes(tree, view, leaves, part, level, g - starts[part])
 
 
 def tree_of(kind: Any, beam: Beam, rays: LeafRays, threads: int, empty: Empty = np.empty) -> RayTree:
@@ -156,8 +162,7 @@ def tree_of(kind: Any, beam: Beam, rays: LeafRays, threads: int, empty: Empty = 
     numbers[-PAD:] = 0
     alive = np.zeros(total + PAD, np.int32)
     tree = RayTree(ways, shift, nodes, step, numbers, alive, heights, sizes, groups, rays.starts, rays.faces)
-    for part in range(k):
-        for level in range(int(heights[part])):
-            ticket = new_ticket(-(-int(sizes[part, level]) // ways), 64)
-            run_short(_bound, threads, ticket, tree, beam, rays, part, level)
+    for level in range(int(heights.max(initial=0))):
+        starts = np.append(0, np.cumsum(-(-sizes[:, level] // ways)))
+        run_short(_bound, threads, new_ticket(int(starts[-1]), 64), tree, beam, rays, level, starts)
     return tree

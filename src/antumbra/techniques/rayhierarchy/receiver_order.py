@@ -19,6 +19,7 @@ from ...kernels.parallel import CHUNK, N, items, new_ticket, run_short, shares
 from ...kernels.simd import (
     absolute,
     fma,
+    gather,
     get,
     iota16,
     load16,
@@ -42,6 +43,7 @@ from .light_beams import (
     PERSPECTIVE,
     Beam,
     ConeSamples,
+    SixteenReceivers,
     active_receivers,
     new_light_sides,
     origins_of,
@@ -174,7 +176,8 @@ def _write_cells(ticket, query, beam, scale, bits, keys, counts, light_sides, co
         for i in range(first, end, 16):
             ids, lanes = minimum(np.int32(i) + iota16(), np.int32(ticket[N] - 1)), (1 << min(16, ticket[N] - i)) - 1
             d, sides = relative16(view, origins_of(query_bits, ids)), sides_of(query_bits, samples, ids, lanes)
-            active = active_receivers(query_bits, view, samples, ids, sides, known, thread_counters) & ~at_apex(view, d)
+            receivers = SixteenReceivers(ids, sides, gather(query_bits.query.faces, ids))
+            active = active_receivers(query_bits, view, samples, receivers, known, thread_counters) & ~at_apex(view, d)
             face, u, v = places_on(view, scale, d)
             store(out, i, select(mask_from_bits16(active), cells_of(face, u, v), np.int32(-1)))
             n += popcount(active)

@@ -110,7 +110,7 @@ PAIRS = 2048
 """Maximum number of pairs in a queue; at least BATCH and at least 16."""
 
 QUEUES = LEVELS + 1
-_AHEAD = 4  # leaves to prefetch ahead of the tested leaf
+_AHEAD = 8  # leaves to prefetch ahead of the tested leaf
 
 
 class TraversalOptions(NamedTuple):

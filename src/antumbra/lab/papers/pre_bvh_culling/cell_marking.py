@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from ....kernels.jit import inlined, kernel
 from ....kernels.parallel import items, new_ticket, run
 from ....kernels.simd import load4, ptr, put
-from ....query.query_bounds import bounds
 from ....query.receivers import NOTHING
 from ....query.shadow_query import ShadowQuery
 from ....scene.lights import AMBIENT, DIRECTIONAL
@@ -38,9 +37,9 @@ from .light_cells import light_box, light_cells
 _RELATIVE = DIRECTIONAL, AMBIENT  # lights that move with the receiver, which the paper does not have
 
 
-def scene_box(groups: Sequence[QueryGroup], corners: NDArray[np.float32], threads: int) -> Box | None:
-    """The box around all triangles, receivers and lights."""
-    boxes = [np.array(bounds(corners.reshape(-1, 3), threads), np.float64)]
+def scene_box(groups: Sequence[QueryGroup], triangles: NDArray[np.float32]) -> Box | None:
+    """The box around all triangles, receivers and lights; `triangles`: (2, 3), that of all triangles."""
+    boxes = [triangles.astype(np.float64)]
     for tiles, queries in groups:
         boxes.append(np.array(bounds_of(tiles)))
         boxes += [np.array(light_box(query)) for query in queries if query.light.kind not in _RELATIVE]
