@@ -50,7 +50,7 @@ from ...query.ray_list import HitArrays, RayArguments, hit_arrays
 from ...scene.triangles import AllHits
 from .hit_reports import CORNER_WORDS, REPORT_WORDS, Report, compute_numbers, pad, write_hit
 from .interleaved_rays import bounds_of, keep_hits, leaf_of, walk_interleaved
-from .ray_batches import RayTracer, batch_ticket, read_batch, run_batches
+from .ray_batches import RayTracer, read_batch, run_batches
 from .ray_traversal import settle
 from .row_tiles import line_of
 from .wide_traversal import (
@@ -200,7 +200,7 @@ def count_all(
 ) -> NDArray[np.int64] | None:
     """(n,) int64: the number of hits of each ray, by a rule; None if a ray is invalid."""
     n = rays.n
-    counts, faults, ticket = np.empty(n, np.int64), np.zeros(1, np.bool_), batch_ticket(n)
+    counts, faults, ticket = np.empty(n, np.int64), np.zeros(1, np.bool_), new_ticket(-(-n // _RAYS), _CHUNK)
     run_batches(_count, threads, ticket, tracer.tree, rays.packed(), rule, counts, faults)
     return None if faults[0] else counts
 
@@ -358,7 +358,7 @@ def find_all(
         def scratch() -> tuple[_Scratch]:
             return (_Scratch(np.empty(room + LANES, np.int32), np.empty(room + LANES, np.int64)),)
 
-        ticket = batch_ticket(len(batches.numbers) * _RAYS)
+        ticket = new_ticket(len(batches.numbers), _CHUNK)
         run_batches(_collect, threads, ticket, tracer.tree, listed, rule, batches.packed(), out.packed(), own=scratch)
 
     parts = list[AllHits]()

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ...bvh.nodes import wide_tree_of
 from ...kernels.jit import I64Ptr, inlined, kernel
-from ...kernels.parallel import STOP, items
+from ...kernels.parallel import STOP, items, new_ticket
 from ...kernels.simd import (
     bits,
     fma,
@@ -40,7 +40,7 @@ from ...kernels.simd import (
 from ...query.cap_columns import ALL, AXES, LINES, SIDE, CapColumns, cap_columns, unknown_columns
 from ...query.ray_list import RayArguments
 from .all_hits import INSIDE, ON_SURFACE, HitSink, walk_batch
-from .ray_batches import RayTracer, batch_ticket, read_batch, run_batches
+from .ray_batches import RayTracer, read_batch, run_batches
 from .row_tiles import line_of
 from .wide_traversal import (
     BLOCK_WORDS,
@@ -62,6 +62,7 @@ OUTSIDE, WITHIN, ON_CAP, UNDECIDED = range(4)
 
 _RAYS = BLOCKS * LANES
 _ROWS, _PRECISE = BLOCKS * BLOCK_WORDS, BLOCKS * PRECISE_WORDS
+_CHUNK = 16  # batches that a thread takes at a time
 _COLUMNS_PAY, _CAPS_PAY = 10_000, 4  # points that save as much time by columns as these take to make; and per cap
 _FIRST, _LAST = np.float32(0.0), np.float32(SIDE - 1)  # columns
 _AWAY = AXES + (ALL - AXES) // 2  # diagonals before this one lead away from most caps
@@ -333,15 +334,8 @@ class Caps:
 
         traces : whether rays are traced through caps; otherwise, points stay undecided where this is necessary
         """
-        n, faults = rays.n, np.zeros(1, np.bool_)
-        verdicts, ticket = np.empty(n, np.uint8), batch_ticket(n)
-        args = (
-            self._tracer.tree,
-            rays.packed(),
-            election,
-            self._columns_for(n, threads),
-            traces,
-            _Results(verdicts, faults),
-        )
+        n, columns, faults = rays.n, self._columns_for(rays.n, threads), np.zeros(1, np.bool_)
+        verdicts, ticket = np.empty(n, np.uint8), new_ticket(-(-n // _RAYS), _CHUNK)
+        args = self._tracer.tree, rays.packed(), election, columns, traces, _Results(verdicts, faults)
         run_batches(_vote, threads, ticket, *args)
         return None if faults[0] else verdicts

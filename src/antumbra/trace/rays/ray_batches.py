@@ -14,7 +14,7 @@ from ...bvh.nodes import WideBvh, wide_tree_of
 from ...kernels.exact.predicate import two_diff
 from ...kernels.jit import inlined, kernel
 from ...kernels.marshalling import Packed, packed
-from ...kernels.parallel import CHUNK, NEXT, STOP, N, Ticket, items, new_ticket, run, run_short, thread_count
+from ...kernels.parallel import NEXT, STOP, N, Ticket, items, new_ticket, run, run_short, thread_count
 from ...kernels.simd import (
     absolute,
     all_lanes,
@@ -79,8 +79,7 @@ from .wide_traversal import (
 
 _RAYS, _ROWS, _ENDS, _TESTS = (BLOCKS * n for n in (LANES, BLOCK_WORDS, PRECISE_WORDS, DEFERRED_WORDS))  # of all blocks
 _LISTED = _RAYS + LANES
-_CHUNK, _FINEST = 16, 2  # batches that a thread takes at a time: of long lists, and of short ones
-_SHARES = 64  # of a list that is long enough, so that threads end at about the same time
+_CHUNK = 16  # batches that a thread takes at a time
 _FEW = 512  # batches
 _LINE = 16  # float32 of a cache line
 _FAR_ROWS = 1 << 16  # bytes between rows, from which on offsets in a tile may exceed int32
@@ -336,17 +335,6 @@ def _blocks(ticket, wide, batches, any_hit, out, faults, counters):
     add_counters(counters, mine)
 
 
-def batch_ticket(n: int) -> Ticket:
-    """A ticket for the batches of n rays."""
-    n_batches = -(-n // _RAYS)
-    return new_ticket(n_batches, _batches_at_a_time(n_batches))
-
-
-def _batches_at_a_time(n_batches: int) -> int:
-    """Batches that a thread takes at a time. As many as `_CHUNK` take less time than a second thread to wake up."""
-    return _CHUNK if n_batches <= _CHUNK else max(_FINEST, min(n_batches // _SHARES, _CHUNK))
-
-
 def run_batches(
     worker: Callable[..., object],
     threads: int | None,
@@ -369,7 +357,6 @@ class _BatchScratch:
     def begin(self, blocks: int) -> None:
         ticket = self._ticket
         ticket[NEXT], ticket[STOP], ticket[N], self.faults[0] = 0, 0, blocks, False
-        ticket[CHUNK] = _batches_at_a_time(blocks)
 
 
 class RayTracer:
