@@ -3,7 +3,7 @@
 Most points see no caps in most directions, and a look into a table is faster than a ray. Opposite directions share a
 line. Across each line of seven, a grid divides space into columns, and each column holds the range of depths of the
 caps that reach it. A ray from a point beyond this range meets no cap. The converse does not hold: ranges are those of
-boxes around pieces of caps, and large pieces are entered into larger columns.
+boxes around pieces of caps.
 
 Rounding. A point's column and depth are computed in float32, from coordinates of at most M in magnitude, the largest of
 the scene's bounds. Across a line, at most two coordinates and a constant of at most 2 M are multiplied and added: with
@@ -16,14 +16,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import items, new_ticket, run, thread_count
+
 AXES, ALL = 6, 14  # directions along the axes, and with the space diagonals
 LINES = ALL // 2
 SIDE = 128  # columns along each side of a grid; those at the rims stay empty
 _MARGIN = 2.0**-18
 _PARTS = 2, 4, 8, 16, 32  # of the scene's extent; the largest piece of a cap is one of these
 _MANY = 1 << 14  # pieces
-_LEVELS = SIDE.bit_length()  # of grids, each of half as many columns per side as the one before
-_WIDE = 8  # columns along each side of a piece, above which it is entered into a coarser grid
+_MOST_ENTERED = 1 << 25  # columns of all pieces of a line, which take milliseconds
 
 _AXES = np.concatenate([np.eye(3), -np.eye(3)]).astype(np.float32)
 _DIAGONALS = np.array(list(product((-1.0, 1.0), repeat=3)), np.float32)
@@ -46,7 +48,9 @@ def all_directions(axis: NDArray[np.floating]) -> NDArray[np.float32]:
     return np.concatenate([axis[None], others, _DIAGONALS[order]]).astype(np.float32)
 
 
-def cap_columns(corners: NDArray[np.float32], axis: NDArray[np.floating], box: NDArray[np.float32]) -> CapColumns:
+def cap_columns(
+    corners: NDArray[np.float32], axis: NDArray[np.floating], box: NDArray[np.float32], threads: int | None = None
+) -> CapColumns:
     """The columns of caps, (n, 3, 3).
 
     axis : (3,), the first direction
@@ -54,20 +58,13 @@ def cap_columns(corners: NDArray[np.float32], axis: NDArray[np.floating], box: N
     """
     unknown, margin = unknown_columns(axis), max(_MARGIN * float(np.abs(box).max()), 1e-30)
     pieces = _pieces(corners, float(np.ptp(box, axis=0).max()))
-    frames, starts = np.empty((LINES, 3, 3)), np.zeros((LINES, 3))
-    depths = np.empty((LINES, SIDE, SIDE, 2), np.float32)
-    for line, (k, _) in enumerate(unknown.ends):
-        along = unknown.directions[k]
-        frame = np.stack([*_across(along), along]).astype(np.float64)
-        places = (pieces.reshape(-1, 3) @ frame.T).reshape(-1, 3, 3)
-        low, high = _extremes(places)
-        low, high = low - margin, high + margin
-        first, extent = low.min(axis=0)[:2], np.ptp([low.min(axis=0), high.max(axis=0)], axis=0)[:2]
-        scale = (SIDE - 2) / extent
-        frames[line], starts[line, :2] = frame * [[scale[0]], [scale[1]], [1.0]], 1.0 - first * scale
-        begin, end = ((1 + (each[:, :2] - first) * scale).astype(np.int64).clip(1, SIDE - 2) for each in (low, high))
-        depths[line] = _entered(begin, end, np.stack([low[:, 2], high[:, 2]], axis=1))
-    return unknown._replace(frames=frames.astype(np.float32), starts=starts.astype(np.float32), depths=depths)
+    along = unknown.directions[unknown.ends[:, 0]]
+    axes = np.array([[*_across(each), each] for each in along], np.float64)
+    columns = unknown._replace(
+        frames=np.empty((LINES, 3, 3), np.float32), depths=np.empty((LINES, SIDE, SIDE, 2), np.float32)
+    )
+    run(_enter_pieces, thread_count(threads), new_ticket(LINES, 1), pieces, axes, margin, columns)
+    return columns
 
 
 def unknown_columns(axis: NDArray[np.floating]) -> CapColumns:
@@ -116,32 +113,68 @@ def _across(direction: NDArray[np.float32]) -> list[NDArray[np.float32]]:
     return [np.array([x, 0, -z]), np.array([0, y, -z])]
 
 
-def _entered(begin: NDArray[np.int64], end: NDArray[np.int64], ranges: NDArray[np.float64]) -> NDArray[np.float32]:
-    """(SIDE, SIDE, 2): the range of depths in each column.
+# --- Columns of one line ----------------------------------------------------------------------------------------------
 
-    begin, end : (n, 2), the first and the last column of each piece of a cap
-    ranges : (n, 2), its least and greatest depth
-    """
-    level = np.zeros(len(begin), np.int64)
-    for k in range(_LEVELS):
-        wide = (end >> k) - (begin >> k) >= _WIDE
-        level[wide[:, 0] | wide[:, 1]] = k + 1
-    found = np.empty((0, 0, 2))
-    for k in reversed(range(int(level.max()) + 1)):
-        coarser, side = found, SIDE >> k
-        found = np.full((side, side, 2), (np.inf, -np.inf))
-        if coarser.size:
-            found[:] = coarser.repeat(2, axis=0).repeat(2, axis=1)
-        which = np.flatnonzero(level == k)
-        low, size = begin[which] >> k, (end[which] >> k) - (begin[which] >> k) + 1
-        counts = size.prod(axis=1)
-        cap = np.repeat(np.arange(len(which)), counts)
-        row, column = np.divmod(np.arange(len(cap)) - np.repeat(np.cumsum(counts) - counts, counts), size[cap, 1])
-        cells = (low[cap, 0] + row) * side + low[cap, 1] + column
-        for end_, reduce in enumerate((np.minimum, np.maximum)):
-            depths = found[..., end_].ravel()  # contiguous, as `at` is fast only there
-            reduce.at(depths, cells, ranges[which[cap], end_])
-            found[..., end_] = depths.reshape(side, side)
-    for rim in (found[0], found[-1], found[:, 0], found[:, -1]):  # beyond all caps, but not beyond coarser columns
-        rim[:] = np.inf, -np.inf
-    return found.astype(np.float32)
+
+@inlined
+def _range(pieces, i, axis, margin):
+    """(least, greatest) coordinate of piece i along an axis, with a margin."""
+    least, greatest = np.float64(np.inf), np.float64(-np.inf)
+    for k in range(3):
+        place = pieces[i, k, 0] * axis[0] + pieces[i, k, 1] * axis[1] + pieces[i, k, 2] * axis[2]
+        least, greatest = min(least, place), max(greatest, place)
+    return least - margin, greatest + margin
+
+
+@inlined
+def _scale_of(pieces, axis, margin):
+    """(least coordinate of all pieces along an axis, columns per unit of length)."""
+    least, greatest = np.float64(np.inf), np.float64(-np.inf)
+    for i in range(len(pieces)):
+        low, high = _range(pieces, i, axis, margin)
+        least, greatest = min(least, low), max(greatest, high)
+    return least, (SIDE - 2) / (greatest - least)
+
+
+@inlined
+def _columns_of(pieces, i, axis, margin, scale):
+    """(first, last) column of piece i across an axis; scale: from `_scale_of`."""
+    low, high = _range(pieces, i, axis, margin)
+    first, last = np.int64(1.0 + (low - scale[0]) * scale[1]), np.int64(1.0 + (high - scale[0]) * scale[1])
+    return max(first, 1), min(last, SIDE - 2)
+
+
+@inlined
+def _fill(depths, least, greatest):
+    """Set the range of depths in all columns."""
+    for u in range(SIDE):
+        for v in range(SIDE):
+            depths[u, v, 0], depths[u, v, 1] = least, greatest
+
+
+@kernel
+def _enter_pieces(ticket, pieces, axes, margin, out):
+    """Worker: fill the columns of a line. If too many are entered, caps may be anywhere in all of them."""
+    # In: pieces (n, 3, 3) float64, axes (LINES, 3, 3) float64, margin (float). Out: out (`CapColumns`)
+    nothing = np.float32(np.inf)
+    for line in items(ticket):
+        axis, depths, entered = axes[line], out.depths[line], 0
+        across = _scale_of(pieces, axis[0], margin), _scale_of(pieces, axis[1], margin)
+        for k in range(3):
+            out.frames[line, 0, k], out.frames[line, 1, k] = axis[0, k] * across[0][1], axis[1, k] * across[1][1]
+            out.frames[line, 2, k] = axis[2, k]
+        out.starts[line, 0] = 1.0 - across[0][0] * across[0][1]
+        out.starts[line, 1] = 1.0 - across[1][0] * across[1][1]
+        _fill(depths, nothing, -nothing)
+        for i in range(len(pieces)):
+            u0, u1 = _columns_of(pieces, i, axis[0], margin, across[0])
+            v0, v1 = _columns_of(pieces, i, axis[1], margin, across[1])
+            low, high = _range(pieces, i, axis[2], margin)
+            least, greatest = np.float32(low), np.float32(high)
+            entered += (u1 - u0 + 1) * (v1 - v0 + 1)
+            for u in range(u0, u1 + 1):
+                for v in range(v0, v1 + 1):
+                    depths[u, v, 0], depths[u, v, 1] = min(depths[u, v, 0], least), max(depths[u, v, 1], greatest)
+            if entered > _MOST_ENTERED:
+                _fill(depths, -nothing, nothing)
+                break

@@ -25,9 +25,10 @@ BOX = UNIT_BOX[
 @pytest.fixture(autouse=True, scope="module", params=[0, 1 << 60], ids=["columns", "no columns"])
 def columns_pay(request):
     """From how many points on there are columns."""
-    before, inside_votes._COLUMNS_PAY = inside_votes._COLUMNS_PAY, request.param
+    before = inside_votes._COLUMNS_PAY, inside_votes._CAPS_PAY
+    inside_votes._COLUMNS_PAY, inside_votes._CAPS_PAY = request.param, 0
     yield
-    inside_votes._COLUMNS_PAY = before
+    inside_votes._COLUMNS_PAY, inside_votes._CAPS_PAY = before
 
 
 def most_of_fourteen(scene, points):

@@ -383,7 +383,7 @@ def _rounds(
 
     room : hits of a batch for which memory is first allocated
     """
-    rounds, begin, size = list[_Round](), int(numbers[0]), _HITS_PER_RAY * _RAYS * len(numbers)
+    rounds, begin, size = list[_Round](), int(numbers[0]), max(_HITS_PER_RAY * _RAYS * len(numbers), 2 * room)
     while len(numbers):
         places, totals = np.empty(len(numbers), np.int64), np.empty(len(numbers), np.int64)
         batches = _Batches(numbers, begin, counts, places, totals, np.zeros(1, np.int64), np.zeros(1, np.bool_))

@@ -63,7 +63,7 @@ OUTSIDE, WITHIN, ON_CAP, UNDECIDED = range(4)
 _RAYS = BLOCKS * LANES
 _ROWS, _PRECISE = BLOCKS * BLOCK_WORDS, BLOCKS * PRECISE_WORDS
 _CHUNK = 16  # batches that a thread takes at a time
-_COLUMNS_PAY = 200_000  # points that save as much time by columns as these take to make
+_COLUMNS_PAY, _CAPS_PAY = 10_000, 4  # points that save as much time by columns as these take to make; and per cap
 _FIRST, _LAST = np.float32(0.0), np.float32(SIDE - 1)  # columns
 _AWAY = AXES + (ALL - AXES) // 2  # diagonals before this one lead away from most caps
 
@@ -320,11 +320,11 @@ class Caps:
         self._tracer, self._corners, self._along, self._box = tracer, corners, along, box
         self._columns, self._is_made, self._points = unknown_columns(along), False, 0
 
-    def _columns_for(self, points: int) -> CapColumns:
+    def _columns_for(self, points: int, threads: int | None) -> CapColumns:
         """The columns for a number of points."""
         self._points += points
-        if not self._is_made and self._points >= _COLUMNS_PAY:
-            self._columns, self._is_made = cap_columns(self._corners, self._along, self._box), True
+        if not self._is_made and self._points >= _COLUMNS_PAY + _CAPS_PAY * len(self._corners):
+            self._columns, self._is_made = cap_columns(self._corners, self._along, self._box, threads), True
         return self._columns
 
     def verdicts(
@@ -334,8 +334,8 @@ class Caps:
 
         traces : whether rays are traced through caps; otherwise, points stay undecided where this is necessary
         """
-        n, faults = rays.n, np.zeros(1, np.bool_)
+        n, columns, faults = rays.n, self._columns_for(rays.n, threads), np.zeros(1, np.bool_)
         verdicts, ticket = np.empty(n, np.uint8), new_ticket(-(-n // _RAYS), _CHUNK)
-        args = self._tracer.tree, rays.packed(), election, self._columns_for(n), traces, _Results(verdicts, faults)
+        args = self._tracer.tree, rays.packed(), election, columns, traces, _Results(verdicts, faults)
         run_batches(_vote, threads, ticket, *args)
         return None if faults[0] else verdicts

@@ -8,9 +8,9 @@ or end.
 Traversal. The packet visits inner nodes as a whole. Interval arithmetic finds the boxes that some ray may enter, and
 those that all rays enter. For each of the others, a test of sixteen rays at a time finds those that enter it, which are
 pushed with the box. Closest-hit queries visit the nearest box first, and repeat this test at leaves, because hits have
-shortened rays since. At a leaf, the loop runs over the triangles or over the rays of a block, whichever are fewer: each
-triangle is tested against all rays at once, or each ray against all triangles. So an incoherent packet degrades to
-single rays.
+shortened rays since. At a leaf, triangles that all lines of the packet miss are culled (`packet_lines`). The loop then
+runs over the other triangles or over the rays of a block, whichever are fewer: each triangle is tested against all rays
+at once, or each ray against all triangles. So an incoherent packet degrades to single rays.
 """
 
 from typing import NamedTuple
@@ -49,6 +49,7 @@ from ...kernels.simd import (
     store,
 )
 from ..counters import BOX_TESTS, NODES, TRIANGLE_TESTS, count
+from .packet_lines import PacketLines, culled, lines_of
 from .wide_traversal import (
     BLOCK_WORDS,
     DX,
@@ -120,6 +121,7 @@ class RayPacket(NamedTuple):
     z: PacketAxis
     tmin: np.float32  # least tmin of the rays
     mixed: bool  # along some axis, directions differ in sign
+    lines: PacketLines  # by which triangles are culled
 
 
 @inlined
@@ -190,11 +192,13 @@ def packet_of(tree, rows, alive):
         b = j * BLOCK_WORDS
         tmins, limits = minimum(tmins, load16(rows, TMIN + b)), maximum(limits, load16(rows, LIMIT + b))
     f = _focus_of(rows, alive)
-    turn = max(f.size, largest_of(tree.reach)) * TURN
+    reach = max(f.size, largest_of(tree.reach))
+    turn = reach * TURN
     x = _axis(rows, alive, 0, f.x, tree.reach, turn)
     y = _axis(rows, alive, 1, f.y, tree.reach, turn)
     z = _axis(rows, alive, 2, f.z, tree.reach, turn)
-    return RayPacket(x, y, z, reduce_min(tmins), x.mixed or y.mixed or z.mixed), reduce_max(limits)
+    lines = lines_of(rows, alive, (f.x, f.y, f.z), reach)
+    return RayPacket(x, y, z, reduce_min(tmins), x.mixed or y.mixed or z.mixed, lines), reduce_max(limits)
 
 
 @inlined
@@ -227,7 +231,7 @@ def enter_any(nodes, at, packet, limit):
     Return (mask of the boxes that any ray may enter, mask of the boxes that all rays enter if their limits allow,
     vector of lower bounds of entry t).
     """
-    x, y, z, tmin, _ = packet
+    x, y, z, tmin = packet.x, packet.y, packet.z, packet.tmin
     near_x, x_in, x_out, far_x = _slabs(nodes, at, x)
     near_y, y_in, y_out, far_y = _slabs(nodes, at, y)
     near_z, z_in, z_out, far_z = _slabs(nodes, at, z)
@@ -394,11 +398,20 @@ def _keep_nearest(rays, lanes, at, near, far, hits):
         defer(hits, rivals, at)
 
 
+class _Leaf(NamedTuple):
+    """A leaf, and those of its triangles that a packet may meet."""
+
+    at: int  # link
+    triangles: int  # bits
+
+
 @inlined
-def _leaf_by_triangle(tree, rays, active, link, query, hits, counters):
-    """Test each triangle of a leaf against all active rays. Return bits of the rays that any-hit finds blocked."""
-    (group, n), done = wide_leaf(link), 0
-    for k in range(n):
+def _leaf_by_triangle(tree, rays, active, leaf, query, hits, counters):
+    """Test triangles of a leaf against all active rays. Return bits of the rays that any-hit finds blocked."""
+    group, triangles, done = wide_leaf(leaf.at).group, leaf.triangles, 0
+    while triangles:
+        k = lowest_bit(triangles)
+        triangles &= triangles - 1
         todo = active & ~done
         count(counters, TRIANGLE_TESTS, popcount(todo))
         at = group * WIDTH + k
@@ -420,34 +433,40 @@ def _leaf_by_triangle(tree, rays, active, link, query, hits, counters):
 
 
 @inlined
-def _leaf_by_ray(tree, rays, active, link, query, hits, counters):
+def _leaf_by_ray(tree, rays, active, leaf, query, hits, counters):
     """Test each active ray against all triangles of a leaf. Return the same as `_leaf_by_triangle`."""
     done = 0
     while active:
         i = lowest_bit(active)
         active &= active - 1
-        if visit_leaf(tree, rays, i, link, query, hits, counters):
+        if visit_leaf(tree, rays, i, leaf.at, query, hits, counters):
             done |= 1 << i
     return done
 
 
 @inlined
-def _leaf(tree, rays, active, link, query, hits, counters):
+def _leaf(tree, rays, active, leaf, query, hits, counters):
     """Test a leaf against the active rays. Return bits of the rays that any-hit finds blocked."""
-    if popcount(active) < wide_leaf(link).count:
-        return _leaf_by_ray(tree, rays, active, link, query, hits, counters)
-    return _leaf_by_triangle(tree, rays, active, link, query, hits, counters)
+    if popcount(active) < popcount(leaf.triangles):
+        return _leaf_by_ray(tree, rays, active, leaf, query, hits, counters)
+    return _leaf_by_triangle(tree, rays, active, leaf, query, hits, counters)
 
 
 @inlined
-def _leaf_of_blocks(tree, rays, active, link, query, hits, counters):
-    """`_leaf` for the active rays of several blocks."""
-    done = 0
+def _leaf_of_blocks(tree, rays, active, link, packet, query, hits, counters):
+    """`_leaf` for the active rays of several blocks of a packet."""
+    group, n = wide_leaf(link)
+    triangles, done = np.int64((1 << n) - 1), 0
+    if active & (active - 1) != 0:
+        triangles &= ~culled(tree.groups, group * GROUP_WORDS, packet.lines)
+        if triangles == 0:
+            return done
+    leaf = _Leaf(link, triangles)
     while active:
         j = first_block(active)
         mine, block = rays_in(active, j), block_of(rays, j)
         active &= ~rays_of_block(j)
-        done |= _leaf(tree, block, mine, link, query, hits_of(hits, j), counters) << (j * LANES)
+        done |= _leaf(tree, block, mine, leaf, query, hits_of(hits, j), counters) << (j * LANES)
     return done
 
 
@@ -459,7 +478,7 @@ def _walk_any(tree, rays, alive, query, hits, counters):
     height, link, blocked, active = 0, 0, 0, alive
     while True:
         if link < 0:
-            blocked |= _leaf_of_blocks(tree, rays, active, link, query, hits, counters)
+            blocked |= _leaf_of_blocks(tree, rays, active, link, packet, query, hits, counters)
             if blocked == alive:
                 return blocked
         else:
@@ -500,7 +519,7 @@ def _walk_nearest(tree, rays, alive, query, hits, counters):
         if link < 0:
             active = _entering(tree, rows, active, box, packet, counters)
             if active:
-                _leaf_of_blocks(tree, rays, active, link, query, hits, counters)
+                _leaf_of_blocks(tree, rays, active, link, packet, query, hits, counters)
                 limit = _greatest_limit(rows, alive)
         else:
             count(counters, NODES, 1)
