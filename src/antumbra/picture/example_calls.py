@@ -97,7 +97,7 @@ def _all_hits() -> None:
 def _contains() -> None:
     """Includes the columns of caps, which are made after thousands of points."""
     Scene.of_data(small_scene()).contains(np.zeros((2, 3)), threads=1)
-    cap_columns(np.eye(3, dtype=np.float32)[None], np.eye(3)[0], np.float32([[0.0] * 3, [1.0] * 3]), 1)
+    cap_columns(np.eye(3, dtype=np.float32)[None], np.eye(3)[0], np.array([[0.0] * 3, [1.0] * 3], np.float32), 1)
 
 
 def _closest_points() -> None:
