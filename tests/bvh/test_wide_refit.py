@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from antumbra.bvh import wide_refit as module
+from antumbra.bvh import wide_refit as wide_refit_module
 from antumbra.bvh.nodes import LINKS
 from antumbra.bvh.tree_quality import validate
 from antumbra.bvh.wide_bvh import widen
@@ -30,7 +30,7 @@ def test_refitted_to_any_soup(vertices, seed, threads, builder, part):
         return
     wide, rng, pool = widen(bvh, 2), np.random.default_rng(seed), ArrayPool()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "_PART", part)
+        patch.setattr(wide_refit_module, "_PART", part)
         prepared = wide_refit(wide)
     for _ in range(3):
         moved = vertices[rng.permutation(len(vertices))] * np.float32(rng.uniform(-2, 2))

@@ -274,7 +274,8 @@ def _refit_parts(ticket, refit, moved):
 
 @kernel
 def _refit_rest(part, refit, moved):
-    """Copy the wide nodes that have boxes of several parts."""
+    """Copy the wide nodes that have boxes of several parts; `part`: their place in `WideRefit.starts`."""
+    # In: refit, a `WideRefit`; moved, a `_Moved`
     _refit_nodes(part, refit, moved)
 
 

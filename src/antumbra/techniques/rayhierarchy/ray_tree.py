@@ -114,6 +114,7 @@ def group_at(tree, group):
 @kernel
 def _bound_nodes(tree, view, leaves, part, level, g):
     """Bound the nodes of group g of a level by their rays, or by the nodes below. Missing nodes are zero."""
+    # In: tree, a `RayTree`, and part, the number of its face; view and leaves, of `view_of` and `leaves_of`
     n, ways, group = size_of(tree, part, level), np.int64(tree.ways), group_at(tree, groups_of(tree, part, level) + g)
     below, alive = groups_of(tree, part, max(level - 1, 0)), 0
     for k in range(tree.step):
@@ -135,6 +136,7 @@ def _bound_nodes(tree, view, leaves, part, level, g):
 @kernel
 def _bound(ticket, arrays, beam, rays, level, starts):
     """Worker: bound the nodes of one level of all faces; starts: of each face, and the end, in groups of the level."""
+    # In: arrays, a `RayTree`, whose numbers are written; beam, a `Beam`, and rays, its `LeafRays`
     tree, leaves, view, part = tree_pointers(arrays), leaves_of(rays), view_of(beam), 0
     for g in items(ticket):
         while starts[part + 1] <= g:

@@ -59,6 +59,7 @@ def write_pixel_rays(pixels, origins, directions):  # pixels: PixelRays; origins
 @kernel
 def write_surfaces(pixels, hits, vertices, out):  # pixels: PixelRays, hits: HitBuffers, out: SurfaceBuffers
     """Write the surfaces that pixels see, as `gbuffer.from_hits`, and the tags of their receivers."""
+    # In: vertices, address of (n, 9) float32
     i, zero, f = thread_index(), np.float64(0.0), np.float64
     if i >= pixels.n:
         return
@@ -78,7 +79,7 @@ def write_surfaces(pixels, hits, vertices, out):  # pixels: PixelRays, hits: Hit
 def move_receivers(surfaces, vertices, work, first, n):  # surfaces: SurfaceBuffers, vertices: address of float32
     """Write n receivers from the `first` on, moved off their surfaces as by `surface_receivers`; list undecided ones.
 
-    A pair of the list is (pixel, tag of its receiver). Its length may exceed the capacity.
+    A pair of the list, `work`, is (pixel, tag of its receiver). Its length may exceed the capacity.
     """
     k = thread_index()
     if k >= n:

@@ -453,16 +453,20 @@ def _leaf(tree, rays, active, leaf, query, hits, counters):
 
 
 @inlined
-def _leaf_of_blocks(tree, rays, active, link, packet, query, hits, counters):
-    """`_leaf` for the active rays of several blocks of a packet."""
+def _met_leaf(tree, link, active, lines):
+    """The `_Leaf` of a link; if several rays are active, without the triangles that none on these lines meets."""
     group, n = wide_leaf(link)
-    triangles, done = np.int64((1 << n) - 1), 0
+    triangles = np.int64((1 << n) - 1)
     if active & (active - 1) != 0:
-        triangles &= ~culled(tree.groups, group * GROUP_WORDS, packet.lines)
-        if triangles == 0:
-            return done
-    leaf = _Leaf(link, triangles)
-    while active:
+        triangles &= ~culled(tree.groups, group * GROUP_WORDS, lines)
+    return _Leaf(link, triangles)
+
+
+@inlined
+def _leaf_of_blocks(tree, rays, active, leaf, query, hits, counters):
+    """`_leaf` for the active rays of several blocks of a packet."""
+    done = 0
+    while active and leaf.triangles != 0:
         j = first_block(active)
         mine, block = rays_in(active, j), block_of(rays, j)
         active &= ~rays_of_block(j)
@@ -478,7 +482,8 @@ def _walk_any(tree, rays, alive, query, hits, counters):
     height, link, blocked, active = 0, 0, 0, alive
     while True:
         if link < 0:
-            blocked |= _leaf_of_blocks(tree, rays, active, link, packet, query, hits, counters)
+            leaf = _met_leaf(tree, link, active, packet.lines)
+            blocked |= _leaf_of_blocks(tree, rays, active, leaf, query, hits, counters)
             if blocked == alive:
                 return blocked
         else:
@@ -519,7 +524,8 @@ def _walk_nearest(tree, rays, alive, query, hits, counters):
         if link < 0:
             active = _entering(tree, rows, active, box, packet, counters)
             if active:
-                _leaf_of_blocks(tree, rays, active, link, packet, query, hits, counters)
+                leaf = _met_leaf(tree, link, active, packet.lines)
+                _leaf_of_blocks(tree, rays, active, leaf, query, hits, counters)
                 limit = _greatest_limit(rows, alive)
         else:
             count(counters, NODES, 1)
