@@ -1,10 +1,12 @@
-"""Shows the comments beside the fields of a NamedTuple, which is where this project describes them."""
+"""Shows the comments beside the fields of a NamedTuple, where this project describes them, and dashes in all fields."""
 
 import ast
 import inspect
 import io
 import textwrap
 import tokenize
+
+from docutils import nodes
 
 
 def field_comments(cls: type) -> dict[str, str]:
@@ -31,6 +33,15 @@ def _append_fields(app, what, name, obj, options, lines):
         lines.extend(f":ivar {field}: {text}" for field, text in field_comments(obj).items())
 
 
+def _set_dashes(app, doctree):
+    """Sphinx writes "name (type) -- text", and leaves the dash to smartquotes, which here keep hyphens of options."""
+    for content in doctree.findall(nodes.field_list):
+        for text in list(content.findall(nodes.Text)):
+            if text == " -- ":
+                text.parent.replace(text, nodes.Text(" \N{EN DASH} "))
+
+
 def setup(app):
     app.connect("autodoc-process-docstring", _append_fields)
+    app.connect("doctree-read", _set_dashes)
     return {"parallel_read_safe": True}

@@ -356,6 +356,20 @@ def test_comments_are_left_out_of_pages(extension):
     assert page.astext() == "7\n\n<details>"
 
 
+def test_fields_of_the_reference_have_dashes(extension):
+    nodes = pytest.importorskip("docutils.nodes", reason="fields are NOT checked without docutils")
+    page = pytest.importorskip("docutils.utils").new_document("page")
+    parts = [nodes.strong("", "step"), nodes.Text(" -- "), nodes.Text("Minutes, as by --step -- or as the rule says.")]
+    body = nodes.field_body("", nodes.paragraph("", "", *parts))
+    page += [
+        nodes.field_list("", nodes.field("", nodes.field_name("", "Parameters"), body)),
+        nodes.paragraph("", " -- "),
+    ]
+    extension("fields")._set_dashes(None, page)
+    assert page.astext().splitlines()[2] == "step \N{EN DASH} Minutes, as by --step -- or as the rule says."
+    assert page.children[1].astext() == " -- "
+
+
 def test_a_command_and_the_python_after_it_become_tabs(extension):
     nodes = pytest.importorskip("docutils.nodes", reason="tabs are NOT checked without docutils")
     pytest.importorskip("sphinx_design", reason="tabs are NOT checked without sphinx-design")
