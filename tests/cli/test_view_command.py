@@ -66,6 +66,16 @@ def test_a_scene_in_degrees_is_shown_without_dates(cli, interrupted, monkeypatch
     cli("view", "a.city.json", "--port", "0", "--timezone", "Asia/Tokyo").refused("crs EPSG:6697 has no plan in metres")
 
 
+def test_a_place_without_a_sun_is_noted(cli, interrupted, monkeypatch):
+    Opened(monkeypatch)
+    place = "--latitude", "52", "--longitude", "4.4"
+    told = cli("view", SCENE, "--port", "0", "--no-browser", *place)
+    assert told.code == 0 and "note: no sun follows the date, since there are only other lights" in told.err
+    told = cli("view", SCENE, "--port", "0", "--no-browser", *place, "--light", "sun:1,-1,0.2")
+    assert told.code == 0 and told.err == ""
+    assert len(interrupted) == 2
+
+
 def test_options_reach_the_page(cli, interrupted, monkeypatch):
     opened = Opened(monkeypatch)
     made = []

@@ -64,6 +64,13 @@ def test_the_panel_names_lights_and_blockers(model):
     assert "<td>visible</td>" in describe_point(probe(model, np.array([0.0, 9.0, 4.0]), DOWN))
 
 
+def test_the_panel_gives_the_sky_the_share_of_its_sentence(model):
+    found = probe(model, np.array([0.0, 9.0, 4.0]), DOWN)
+    (sky,) = (sight for sight in found.sights if sight.name == "Sky")
+    text, share = describe_point(found), 100.0 * found.sky
+    assert sky.share == found.sky and f"Sees {share:.0f} % of the sky" in text and f"{share:.3g} % of 256" in text
+
+
 def test_lines_end_at_lights_and_blockers(model):
     found = probe(model, np.array([0.0, 9.0, -1.2]), DOWN)
     lines, colours = sight_lines(found)

@@ -92,6 +92,7 @@ def view(args: ViewArguments) -> int:
     memory = None if args.max_memory is None else arguments.parse_bytes(args.max_memory, "--max-memory")
 
     from ..base.extras import import_extra
+    from ..scene.lights import DirectionalLight
     from ..viewer.viewer_page import checked_port
     from ..viewer.viewer_page import view as open_viewer
 
@@ -127,6 +128,8 @@ def view(args: ViewArguments) -> int:
         )
     with viewer:
         if not args.quiet:
+            if position and not any(isinstance(light, DirectionalLight) for light in viewer.lights):
+                say("note: no sun follows the date, since there are only other lights; add one: --light sun:1,-1,0.2")
             print(f"{opened.name} is at {viewer.url} (press Ctrl-C to stop)", flush=True)
         if not args.no_browser and not webbrowser.open(viewer.url):
             say(f"no browser was found; open {viewer.url}")

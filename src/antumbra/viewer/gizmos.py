@@ -12,7 +12,7 @@ from ..engine.point_visibility import visibility
 from ..query.receivers import point_receivers
 from ..scene.light_lists import DirectionalLights
 from ..scene.lights import DirectionalLight, Light
-from ..scene.sky import sky_directions
+from ..scene.sky import Sky, sky_directions
 from .viewer_model import FAR, EditableLight, Model, handle_position, light_outline
 
 # --- Visibility of each light from a surface point --------------------------------------------------------------------
@@ -33,7 +33,7 @@ class Sight(NamedTuple):
     """Visibility of one light from a point."""
 
     name: str
-    share: float  # visible share of the samples, in [0, 1]
+    share: float  # visible share of the samples, in [0, 1]; of a sky, `Probe.sky`
     samples: int
     end: NDArray[np.float64] | None  # (3,), world: the centre of the light; None: no centre
     blocker: Face | None  # the first triangle towards the centre
@@ -75,14 +75,16 @@ def probe(model: Model, origin: NDArray[np.float64], direction: NDArray[np.float
     )
     face = _face(model, int(hit.face), hit.corners, int(hit.object))
     sights = []
-    for lamp, share, samples in zip(lamps, result.fraction.tolist(), result.samples.tolist()):
+    fractions, sky = result.fraction.tolist(), float(result.fraction[-1])
+    for lamp, fraction, samples in zip(lamps, fractions, result.samples.tolist()):
+        share = sky if isinstance(lamp.light, Sky) else fraction  # of its half above the horizon
         sight = Sight(lamp.name, share, samples, None, None, None)
         sights.append(
             _with_blocker(model, sight, lamp.light, position, normal, face) if has_centre(lamp.light) else sight
         )
     name = None if model.sun is None else model.sun.name
     sun = next((sight for sight in sights if sight.name == name), None)
-    return Probe(position, normal, face, sights, float(result.fraction[-1]), sun)
+    return Probe(position, normal, face, sights, sky, sun)
 
 
 def _with_blocker(
