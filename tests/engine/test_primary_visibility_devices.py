@@ -7,8 +7,8 @@ import pytest
 
 import antumbra as at
 import moving_square
-from antumbra.devices.device import OutOfDeviceMemory
-from antumbra.engine.device_tracers import OnDevice
+from antumbra.devices.device import Device, OutOfDeviceMemory
+from antumbra.engine.device_tracers import OnDevice, device_tracer
 from antumbra.engine.engine import Engine
 from antumbra.engine.primary_visibility import RASTER, RAYS
 from antumbra.query.gbuffer import GBuffer
@@ -185,6 +185,47 @@ def test_the_tree_of_the_camera_leaves_if_a_culled_one_does_not_fit_beside_it(mo
     for _ in range(2):
         assert_same_frames(renderer.render(CAMERA, LAMP, spp=4, adaptive=16), expected)
     assert held[:2] == [True, False] and held.count(True) == 2
+
+
+SAMPLES = "the samples of a light"
+
+
+@pytest.mark.parametrize(
+    "scene, plan",
+    [
+        ("soup", "grid32+lbvh+device:host:0"),
+        ("cut-outs", "bsah+device:host:0"),
+        ("instances", "bsah+device:host:0"),
+    ],
+)
+def test_a_frame_that_fits_only_without_surfaces_on_the_device_is_seen_by_the_cpu(scene, plan, monkeypatch):
+    """Memory ends at the first allocation for shadow rays or at the last one, once; later frames do not try again."""
+    scene, full = SCENES[scene](), []
+    camera = CAMERA if not scene.data.instanced else at.Camera((0, 9, 20), (0, 0, 0), width=24, height=16)
+    theirs = at.Renderer(scene, "bsah+wide", gbuffer=RASTER).render(camera, LAMP, spp=5, counters=True)
+    allocate, made = Device.allocate, []
+
+    def tight(self, size, what="an array"):
+        made.append(what)
+        if full and what == full[0] and SAMPLES in made:
+            full.clear()
+            raise OutOfDeviceMemory("full", size, 0)
+        return allocate(self, size, what)
+
+    def new():
+        made.clear()
+        renderer = at.Renderer(scene, plan)
+        OnDevice(device_tracer("host:0"), None).free_blocks()
+        return renderer
+
+    monkeypatch.setattr(Device, "allocate", tight)
+    assert new().render(camera, LAMP, spp=5, counters=True).seen_on == "host:0"
+    for name in SAMPLES, made[-1]:
+        renderer, full[:] = new(), [name]
+        for _ in range(2):
+            ours = renderer.render(camera, LAMP, spp=5, counters=True)
+            assert_same_frames(ours, theirs)
+            assert not full and ours.seen_on is None and ours.counters["rays"] == theirs.counters["rays"]
 
 
 def test_surfaces_of_an_engine_are_ordinary_arrays():

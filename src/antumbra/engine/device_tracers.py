@@ -80,6 +80,11 @@ class OnDevice(TracerState):
     def begin(self) -> None:
         """Begin a frame; nothing changes on the device."""
 
+    def free_blocks(self) -> None:
+        """Free what the device keeps for further calls besides trees, such as the rays of a camera."""
+        with self.tracer.lock:
+            self.tracer.launches.free_blocks()
+
     def see(self, triangles: Triangles, rays: CameraRays, cutouts: CutoutTree | None, threads: int) -> GBuffer:
         """What a perspective camera sees of a scene of which this is the tree. OutOfDeviceMemory if it does not fit."""
         from ..trace.device.device_surfaces import see_surfaces

@@ -64,6 +64,7 @@ def primary_visibility(
         try:
             return tree.prepared.see(triangles, rays, tree.cutouts, thread_count(threads))
         except OutOfDeviceMemory:
+            tree.prepared.free_blocks()
             cutouts, tree = tree.cutouts, None
     if tree is None:
         face, t = _rasterised(triangles, solid_vertices(triangles, threads), rays, threads)

@@ -9,6 +9,7 @@ from ..base.checks import checked_instance, choice, whole_number
 from ..base.errors import InputError
 from ..base.option_fields import Given, method_with_keywords, split_keywords, with_keywords
 from ..base.progress import ProgressCallback, show_progress, with_quiet_progress
+from ..devices.device import OutOfDeviceMemory
 from ..engine.accelerator import Accelerated, Accelerator
 from ..engine.device_plans import cpu_plan
 from ..engine.engine import Engine
@@ -136,7 +137,7 @@ class Renderer:
         request = self.request(camera, lights, options_of(options, given(*args, **keywords)))
         with show_progress("tracing", progress) as report, self.engine.lock:
             frames, self._expected = self._expected, max(self._expected - 1, 1)
-            return render_frame(FrameState(self.engine, request._replace(progress=report, frames=frames)))
+            return _rendered(self.engine, request._replace(progress=report, frames=frames))
 
     def rows(self, request: Request) -> RowBands:
         """Render a request in bands of rows, which can be traced in any order and in any process."""
@@ -145,7 +146,7 @@ class Renderer:
     def from_rows(self, request: Request, traced: TracedBits) -> Frame:
         """The frame of a request whose rays were traced before, as from `render`, but without the time of tracing."""
         with self.engine.lock:
-            frame = render_frame(FrameState(self.engine, request, traced))
+            frame = _rendered(self.engine, request, traced)
         return frame._replace(timings={**frame.timings, "trace": 0.0})
 
     def request(self, camera: Camera, lights: Sequence[Light] | Light, options: RenderOptions | None = None) -> Request:
@@ -223,6 +224,19 @@ def _check_view(scene: AnyScene, camera: Any, lights: Any) -> tuple[Camera, list
     return camera, check_lights(lights, scene.up)
 
 
+def _rendered(engine: Engine, request: Request, traced: TracedBits | None = None) -> Frame:
+    """The frame of a request. If surfaces on a device leave too little memory for shadow rays, the CPU finds them.
+
+    The engine's lock is held.
+    """
+    try:
+        return render_frame(FrameState(engine, request, traced))
+    except OutOfDeviceMemory:
+        if not engine.source.see_on_cpu():
+            raise
+    return render_frame(FrameState(engine, request, traced))
+
+
 @with_keywords(RenderKeywords, 3)
 @with_quiet_progress
 def render(
@@ -273,4 +287,4 @@ def render(
     renderer = Renderer(scene, **of_renderer)
     request = renderer.request(camera, lights, picture_options)
     with show_progress("tracing", progress) as report, renderer.engine.lock:
-        return render_frame(FrameState(renderer.engine, request._replace(progress=report)))
+        return _rendered(renderer.engine, request._replace(progress=report))

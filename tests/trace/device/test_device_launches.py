@@ -40,3 +40,15 @@ def test_without_a_cache_memory_ends_at_the_limit(device):
     with pytest.raises(OutOfDeviceMemory, match="a block needs"):
         launches.block("a", (1 << 20) + 1, "a block")
     assert launches.block("a", 1 << 20, "a block").size == 1 << 20
+
+
+def test_freed_blocks_are_made_again_and_triangles_sent_again(device):
+    launches, triangles = DeviceLaunches(device), np.arange(18, dtype=np.float32).reshape(2, 9)
+    launches.kept_triangles(triangles)
+    used = device.used
+    launches.block("more", 1000, "a block")
+    launches.free_blocks()
+    assert device.used == used - triangles.nbytes
+    launches.kept_triangles(triangles)
+    found = launches.block("triangles of the scene", 0, "").read(np.empty((2, 9), np.float32))
+    np.testing.assert_array_equal(found, triangles)

@@ -40,10 +40,12 @@ from ...trace.rays.inside_votes import Caps
 from ...trace.rays.ray_batches import RayTracer
 from ..accelerator import Accelerated, Accelerator, SceneTrees
 from ..auto.cost_model import BEST, GOOD, seconds_before_best
+from ..device_tracers import OnDevice, device_tracer
 from ..plan import DEFAULT_PLAN, Plan, parse_plan
 from ..precompilation import precompile
 from ..primary_visibility import (
     AUTO,
+    RASTER,
     RAYS,
     PrimaryMethodChooser,
     nearest_in,
@@ -393,6 +395,17 @@ class InMemory:
             return surfaces(camera.listed or self.gbuffer == RAYS)
         method = self._method_chooser.choose(view.tree)
         return self._method_chooser.timed(method, camera.width * camera.height, lambda: surfaces(method == RAYS))
+
+    def see_on_cpu(self) -> bool:
+        accelerator = self._accelerator
+        if not accelerator.sees or self.gbuffer != RAYS:
+            return False
+        self.gbuffer = RASTER
+        if accelerator.plan.cull:
+            self._last = accelerator.memory.own = None  # the tree of the camera
+        tracer = device_tracer(str(accelerator.plan.device), accelerator.device_memory)
+        OnDevice(tracer, None).free_blocks()
+        return True
 
     def subpixels(self, view: CameraView, edge: NDArray[np.bool_]) -> Surfaces:
         triangles = view.triangles

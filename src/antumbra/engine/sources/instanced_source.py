@@ -8,7 +8,6 @@ once, so an engine with such a plan flattens the scene.
 import threading
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from functools import partial
 from itertools import groupby
 from typing import ClassVar, cast
@@ -151,6 +150,7 @@ class Instanced:
         self._accelerator, self._shared = accelerator, shared
         self._bodies: Bodies | None = None
         self._forest: tuple[InstanceTrees, OnDevice] | None = None  # the trees, and the same on a device
+        self._sees_on_cpu = False
         self._lock = threading.RLock()
         renew_after_fork(self)
         self._empty = _NOTHING._replace(
@@ -209,13 +209,22 @@ class Instanced:
         gbuffer = from_hits(face, hits.t.reshape(shape), visible, rays, self.threads, rows.start)
         return Surfaces(gbuffer, visible, hits.face.reshape(shape), self.bounds, device=device)
 
+    def see_on_cpu(self) -> bool:
+        if self._accelerator.plan.device is None or self._sees_on_cpu:
+            return False
+        self._sees_on_cpu = True
+        self._on_device().free_blocks()
+        return True
+
     def _hits_of_pixels(self, rays: CameraRays, rows: slice) -> tuple[HitArrays, str | None]:
         """The nearest hits of the pixels of some rows, and the device that found them: the plan's, if it has room."""
         device = self._accelerator.plan.device
-        if device is not None:
+        if device is not None and not self._sees_on_cpu:
             there = self._on_device()
-            with suppress(OutOfDeviceMemory):
+            try:
                 return there.tracer.trace_pixels(there.tree, rays, rows, self.threads), device
+            except OutOfDeviceMemory:
+                there.free_blocks()
         mask = np.zeros((rays.height, rays.width), np.bool_)
         mask[rows] = True
         return self._hits(rays_through(rays, mask, self.threads)), None

@@ -630,6 +630,9 @@ class Paged:
         rays, shape = subpixel_rays(view.camera.view(self.scene.origin), edge, self.threads)
         return next(self.nearest([rays], shape))
 
+    def see_on_cpu(self) -> bool:
+        return False  # only the CPU sees stores
+
     def hit_triangles(self, hits: Sequence[Hits], threads: int) -> tuple[Triangles, list[np.ndarray]]:
         """Copies of the triangles that rays hit, each once, and for each of `hits` their (h, w) int32 indices, or -1.
 

@@ -161,6 +161,10 @@ class CameraSource(Protocol):
         """The surfaces of the sub-pixels of selected pixels, see `query.pixel_refinement`; edge : (H, W) bool."""
         ...
 
+    def see_on_cpu(self) -> bool:
+        """Let the CPU find what cameras see from now on, since a device has too little memory. False: it does so."""
+        ...
+
 
 # --- Triangles and trees ----------------------------------------------------------------------------------------------
 

@@ -52,6 +52,13 @@ class DeviceLaunches:
             kept = self._blocks[name] = self.allocate(size, what)
         return kept
 
+    def free_blocks(self) -> None:
+        """Free all kept blocks."""
+        self._triangles = None
+        for kept in self._blocks.values():
+            kept.free()
+        self._blocks.clear()
+
     def allocate(self, size: int, what: str) -> DeviceMemory:
         """A block of memory, as from `Device.allocate`, for which a cache on the device may have to leave."""
         while True:
