@@ -126,6 +126,7 @@ export class Scene {
     const n = this.triangles;
     return arena.scratch(() => {
       const [areas, faults] = [arena.array("b1", [n]), arena.array("b1", [1])];
+      areas.view.fill(1); // the kernel clears those of faces without area
       this.#kernels.run("antumbra.scene.triangle_setup:_find_areas", n, AT_A_TIME, triangles, areas, faults);
       if (faults.view[0] === 0) return null;
       const kept = areas.view;
