@@ -14,7 +14,7 @@ typedef void (*kernel_t)(const int64_t *words, int64_t blocks, int64_t block);
 enum { OK, INVALID_VALUE, OUT_OF_MEMORY, INVALID_CONTEXT = 201, NOT_FOUND = 500, NOT_READY = 600 };
 
 static struct { char name[64]; int status; } failures[8];
-static struct { char name[64]; kernel_t run; int words; } kernels[32];
+static struct { char name[64]; kernel_t run; int words; } kernels[256];
 static int n_kernels, devices = 1, version = 12040, capability = 90, mode, pending, live, streams, events, pinned;
 static uint64_t total = 1u << 30, used;
 static _Thread_local int depth; /* contexts pushed by this thread */
@@ -40,6 +40,7 @@ API void fake_set(int new_devices, int new_version, int new_capability, int new_
 }
 API void fake_pend(int queries) { pending = queries; } /* events are not ready for so many queries; -1: never */
 API void fake_register(const char *name, kernel_t run, int words) {
+  if (n_kernels == sizeof kernels / sizeof *kernels || words > 64) abort();
   strncpy(kernels[n_kernels].name, name, 63); kernels[n_kernels].run = run; kernels[n_kernels++].words = words;
 }
 API void fake_counts(int *out) { out[0] = live; out[1] = streams; out[2] = events; out[3] = pinned; out[4] = depth; }

@@ -13,7 +13,7 @@ from truths import soup_scene
 TINY = Capacities(pairs=24, records=8, least=4)
 """Lists that a few hostile rays fill."""
 
-WAYS = {CAPACITIES: (False, False), TINY: (True, False), TINY._replace(least=1000): (False, True)}
+WAYS = {CAPACITIES: (False, False), TINY: (True, False), TINY._replace(least=10_000): (False, True)}
 """Capacities -> whether rays are traced again there, and whether the CPU traces them."""
 
 
