@@ -137,7 +137,12 @@ class Renderer:
         request = self.request(camera, lights, options_of(options, given(*args, **keywords)))
         with show_progress("tracing", progress) as report, self.engine.lock:
             frames, self._expected = self._expected, max(self._expected - 1, 1)
-            return _rendered(self.engine, request._replace(progress=report, frames=frames))
+            request = request._replace(progress=report, frames=frames)
+            try:
+                return render_frame(FrameState(self.engine, request))
+            except OutOfDeviceMemory as error:
+                _see_on_cpu(self.engine, error)
+            return render_frame(FrameState(self.engine, request))
 
     def rows(self, request: Request) -> RowBands:
         """Render a request in bands of rows, which can be traced in any order and in any process."""
@@ -146,7 +151,11 @@ class Renderer:
     def from_rows(self, request: Request, traced: TracedBits) -> Frame:
         """The frame of a request whose rays were traced before, as from `render`, but without the time of tracing."""
         with self.engine.lock:
-            frame = _rendered(self.engine, request, traced)
+            try:
+                frame = render_frame(FrameState(self.engine, request, traced))
+            except OutOfDeviceMemory as error:
+                _see_on_cpu(self.engine, error)
+                frame = render_frame(FrameState(self.engine, request, traced))
         return frame._replace(timings={**frame.timings, "trace": 0.0})
 
     def request(self, camera: Camera, lights: Sequence[Light] | Light, options: RenderOptions | None = None) -> Request:
@@ -224,17 +233,13 @@ def _check_view(scene: AnyScene, camera: Any, lights: Any) -> tuple[Camera, list
     return camera, check_lights(lights, scene.up)
 
 
-def _rendered(engine: Engine, request: Request, traced: TracedBits | None = None) -> Frame:
-    """The frame of a request. If surfaces on a device leave too little memory for shadow rays, the CPU finds them.
+def _see_on_cpu(engine: Engine, error: OutOfDeviceMemory) -> None:
+    """Let the CPU find surfaces, if those on a device have left too little memory; else raise the error.
 
     The engine's lock is held.
     """
-    try:
-        return render_frame(FrameState(engine, request, traced))
-    except OutOfDeviceMemory:
-        if not engine.source.see_on_cpu():
-            raise
-    return render_frame(FrameState(engine, request, traced))
+    if not engine.source.see_on_cpu():
+        raise error
 
 
 @with_keywords(RenderKeywords, 3)
@@ -287,4 +292,9 @@ def render(
     renderer = Renderer(scene, **of_renderer)
     request = renderer.request(camera, lights, picture_options)
     with show_progress("tracing", progress) as report, renderer.engine.lock:
-        return _rendered(renderer.engine, request._replace(progress=report))
+        request = request._replace(progress=report)
+        try:
+            return render_frame(FrameState(renderer.engine, request))
+        except OutOfDeviceMemory as error:
+            _see_on_cpu(renderer.engine, error)
+        return render_frame(FrameState(renderer.engine, request))
