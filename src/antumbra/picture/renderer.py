@@ -150,12 +150,13 @@ class Renderer:
 
     def from_rows(self, request: Request, traced: TracedBits) -> Frame:
         """The frame of a request whose rays were traced before, as from `render`, but without the time of tracing."""
+        frame = None
         with self.engine.lock:
             try:
                 frame = render_frame(FrameState(self.engine, request, traced))
             except OutOfDeviceMemory as error:
                 _see_on_cpu(self.engine, error)
-                frame = render_frame(FrameState(self.engine, request, traced))
+            frame = frame or render_frame(FrameState(self.engine, request, traced))
         return frame._replace(timings={**frame.timings, "trace": 0.0})
 
     def request(self, camera: Camera, lights: Sequence[Light] | Light, options: RenderOptions | None = None) -> Request:
@@ -236,7 +237,7 @@ def _check_view(scene: AnyScene, camera: Any, lights: Any) -> tuple[Camera, list
 def _see_on_cpu(engine: Engine, error: OutOfDeviceMemory) -> None:
     """Let the CPU find surfaces, if those on a device have left too little memory; else raise the error.
 
-    The engine's lock is held.
+    The engine's lock is held. Render again after the handler: until it ends, the error keeps the first try's memory.
     """
     if not engine.source.see_on_cpu():
         raise error
