@@ -247,7 +247,7 @@ def _build_from_codes(
     run_short(_count_nodes, threads, new_ticket(s, 1), source, max_leaf, forest)
     node_at = np.empty(t, np.int64)
     nodes = aligned_empty((place(children, forest.counts, node_at, forest.places), 16), "f4")
-    bvh = Bvh(nodes, nodes.view(np.int32), source.ids, np.empty((n, 9), np.float32))
+    bvh = Bvh(nodes, nodes.view(np.int32), source.ids, aligned_empty((n, 9), "f4"))
     run_short(_build_subtrees, threads, new_ticket(s, 1), flat, source, max_leaf, forest, bvh)
     top = UpperLevels(np.empty((t, 2, 8), np.float32), children, ranges, forest.roots)
     join_boxes(children, forest.roots, top.boxes)
@@ -292,8 +292,8 @@ def sort_by_codes(
     centroids : their centroid box, if it is known
     """
     n = len(flat)
-    codes: NDArray[Codes] = np.empty(n, np.int32 if bits == 10 else np.int64)
-    ids = np.empty(n, np.int32)
+    codes: NDArray[Codes] = aligned_empty((n,), "i4" if bits == 10 else "i8")
+    ids = aligned_empty((n,), "i4")
     if centroids is None:
         centroids = scene_bounds(flat, threads)[1]
     run_short(write_codes, threads, new_ticket(n, TRIANGLES_PER_SHARE), flat, grid_of(centroids, bits), codes, ids)

@@ -13,6 +13,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ..kernels.array_pool import recycled_empty
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, items, new_ticket, run_short, shares
 from ..kernels.simd import extract, get, load4, maximum, minimum, ptr, ptr_at, put, to_i32
@@ -154,7 +155,7 @@ def radix_sort(
     n, digit = len(keys), _digit_bits(bits)
     part = max(_LEAST, -(-n // (4 * threads)))
     counts = np.empty((-(-n // part), 1 << digit), np.int32)
-    other = np.empty_like(keys), np.empty_like(values)
+    other = recycled_empty((n,), keys.dtype), recycled_empty((n,), values.dtype)
     for shift in range(0, bits, digit):
         run_short(_count, threads, new_ticket(n, part), keys, shift, counts)
         if _prefix_sums(counts, n):

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..kernels.array_pool import recycled_empty
 from ..kernels.jit import F32Ptr, I32Ptr, formula, inlined, kernel
 from ..kernels.simd import get, ptr, put, stack_array, stack_i32
 
@@ -291,12 +292,8 @@ def middle_and_half(low, high):
 
 
 def aligned_empty(shape: tuple[int, ...], dtype: str) -> NDArray[Any]:
-    """An uninitialised C-contiguous array, aligned to 64 bytes."""
-    dt = np.dtype(dtype)
-    size = int(np.prod(shape)) * dt.itemsize
-    raw = np.empty(size + 64, np.uint8)
-    skip = -raw.ctypes.data % 64
-    return raw[skip : skip + size].view(dt).reshape(shape)
+    """An uninitialised C-contiguous array, aligned to 64 bytes, in the memory of an earlier one if there is some."""
+    return recycled_empty(shape, dtype)
 
 
 # --- The wide BVH -----------------------------------------------------------------------------------------------------

@@ -276,7 +276,7 @@ def _build_range(vertices, source, part, settings, s, out):
 
 
 _SUBTREES = 64  # the top levels split ranges of more than 1/64 of all records, so that threads finish together
-MIN_PARALLEL_RANGE = 4096  # the top levels split no smaller range: one thread builds it before others wake up
+MIN_PARALLEL_RANGE = 8192  # the top levels split no smaller range: one thread builds it before others wake up
 
 
 def largest_subtree(n: int) -> int:
@@ -321,7 +321,7 @@ def build_below(
     """
     n, s = len(flat), len(top.ranges)
     subtrees = Subtrees(aligned_empty((n, 16), "f4"), np.empty((s, 3), np.int64))
-    bvh = Bvh(subtrees.nodes, subtrees.nodes.view(np.int32), np.empty(n, np.int32), np.empty((n, 9), np.float32))
+    bvh = Bvh(subtrees.nodes, subtrees.nodes.view(np.int32), aligned_empty((n,), "i4"), aligned_empty((n, 9), "f4"))
     sizes = top.ranges[:, 1] - top.ranges[:, 0]
     order, largest = np.argsort(-sizes, kind="stable"), int(sizes.max())
     next_free, args = np.zeros(1, np.int64), (flat, method, top, order, settings, bvh, subtrees)
