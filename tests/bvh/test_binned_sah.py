@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 
+from antumbra.bvh import top_levels
 from antumbra.bvh.binned_sah import build
 from antumbra.bvh.binned_split import BINS, bin_count, must_halve
-from antumbra.bvh.nodes import MAX_DEPTH
+from antumbra.bvh.nodes import MAX_DEPTH, aligned_empty
 from antumbra.bvh.tree_quality import sah_cost, statistics
 from bvh_scenes import terrain
 from reference_sah import binned_sah, half_area, least_sah_cost
@@ -32,6 +33,28 @@ def test_left_child_comes_right_behind_its_parent():
         left = build(vertices).links[:, 12]
         inner = np.flatnonzero(left >= 0)
         assert len(inner) > 100 and np.array_equal(left[inner], inner + 1)
+
+
+@pytest.mark.parametrize("size", [0.6, 0.0])
+def test_nodes_take_spare_memory_only_if_they_fill_most_of_it(monkeypatch, size):
+    rng, taken, nodes_in = np.random.default_rng(0), [], top_levels._nodes_in
+    vertices = (rng.random((5000, 1, 3)) * (size > 0) + size * rng.random((5000, 3, 3))).astype(np.float32)
+
+    def recorded(memory, count):
+        nodes = nodes_in(memory, count)
+        taken.append((np.shares_memory(nodes, memory), nodes.nbytes / memory.nbytes))
+        assert nodes.shape == (count, 16) and nodes.ctypes.data % 64 == 0
+        return nodes
+
+    for max_leaf in range(1, 9):
+        monkeypatch.setattr(top_levels, "_nodes_in", recorded)
+        tree = build(vertices, max_leaf=max_leaf)
+        monkeypatch.setattr(top_levels, "_nodes_in", lambda memory, count: aligned_empty((count, 16), "f4"))
+        expected = build(vertices, max_leaf=max_leaf)
+        assert all(np.array_equal(a.view(np.int32), b.view(np.int32)) for a, b in zip(tree, expected))
+    assert all(shared == (0.75 <= share <= 1) for shared, share in taken)
+    shares = [share for _, share in taken]
+    assert max(shares) > 1 and (min(shares) < 0.75 if size == 0 else any(shared for shared, _ in taken))
 
 
 def test_halving_ends_in_time():

@@ -61,5 +61,6 @@ def build(vertices: NDArray[np.float32], threads: int | None = None, max_leaf: i
     settings = Settings(np.int64(max_leaf), area_scale_for(box))
     top = build_top(n, box, centroids, largest_subtree(n), split_by_bins(method, settings.scale, threads))
     bvh, subtrees = build_below(flat, method, BIN_WORDS, top, settings, threads)
-    del method  # frees memory for the final nodes
-    return assemble(bvh, top, subtrees, threads)
+    spare = method.spare
+    del method  # frees the records
+    return assemble(bvh, top, subtrees, threads, spare)

@@ -109,12 +109,12 @@ class Binned(NamedTuple):
     """
 
     records: NDArray[np.float32]  # (n, 8) float32
-    spare: NDArray[np.float32]  # (n, 8) float32
+    spare: NDArray[np.float32]  # (n, 8) float32 and an eighth more, so that the nodes of most trees fit in the end
 
 
 def binned(n: int) -> Binned:
     """A `Binned` with memory for n records."""
-    return Binned(aligned_empty((n, 8), "f4"), aligned_empty((n, 8), "f4"))
+    return Binned(aligned_empty((n, 8), "f4"), aligned_empty((n + n // 8, 8), "f4"))
 
 
 class BinnedSource(NamedTuple):
