@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..kernels.parallel import thread_count
 from .binned_split import BIN_WORDS, binned
 from .nodes import Bvh
-from .top_down import Settings, build_below, largest_subtree
+from .top_down import Settings, build_below, largest_binned
 from .top_levels import assemble, build_top, split_by_bins
 from .triangle_bounds import PAIR, area_scale_for, checked_vertices, make_records, trivial_bvh
 
@@ -59,7 +59,7 @@ def build(vertices: NDArray[np.float32], threads: int | None = None, max_leaf: i
     method = binned(n)
     box, centroids = make_records(flat, method.records, threads)
     settings = Settings(np.int64(max_leaf), area_scale_for(box))
-    top = build_top(n, box, centroids, largest_subtree(n), split_by_bins(method, settings.scale, threads))
+    top = build_top(n, box, centroids, largest_binned(n), split_by_bins(method, settings.scale, threads))
     bvh, subtrees = build_below(flat, method, BIN_WORDS, top, settings, threads)
     spare = method.spare
     del method  # frees the records

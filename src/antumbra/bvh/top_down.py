@@ -276,12 +276,17 @@ def _build_range(vertices, source, part, settings, s, out):
 
 
 _SUBTREES = 64  # the top levels split ranges of more than 1/64 of all records, so that threads finish together
-MIN_PARALLEL_RANGE = 8192  # the top levels split no smaller range: one thread builds it before others wake up
+MIN_PARALLEL_RANGE = 4096  # the top levels split no smaller range: one thread builds it before others wake up
 
 
 def largest_subtree(n: int) -> int:
     """The maximum number of records in a range that one thread builds alone, for `n` records in total."""
     return max(MIN_PARALLEL_RANGE, n // _SUBTREES)
+
+
+def largest_binned(n: int) -> int:
+    """`largest_subtree` if all threads bin the ranges of a level together, which wakes them twice."""
+    return max(2 * MIN_PARALLEL_RANGE, n // _SUBTREES)
 
 
 class _Memory(NamedTuple):

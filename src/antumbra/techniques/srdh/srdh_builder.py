@@ -76,7 +76,7 @@ from ...bvh.top_down import (
     build_range,
     build_subtree,
     copy_corners,
-    largest_subtree,
+    largest_binned,
     part_of,
     push_range,
     range_at,
@@ -627,8 +627,8 @@ def build(
     method = binned(n)
     box, centroids = make_records(flat, method.records, threads)
     heuristic = HeuristicSettings(area_scale_for(box), np.int64(KERNELS[kernels]), np.float64(prior), bool(linear))
-    levels = RayLevels(method, ray_hit_set(rays, flat), heuristic, largest_subtree(n), threads)
-    top = levels.arranged(build_top(n, box, centroids, largest_subtree(n), levels.split))
+    levels = RayLevels(method, ray_hit_set(rays, flat), heuristic, largest_binned(n), threads)
+    top = levels.arranged(build_top(n, box, centroids, largest_binned(n), levels.split))
     sets = levels.sets()
     settings = RaySettings(np.int64(max_leaf), *heuristic, *sets, _rooms_for(sets[2][:, 1]))
     bvh, subtrees = build_below(flat, method, _scratch_words(settings), top, settings, threads)
