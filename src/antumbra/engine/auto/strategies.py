@@ -357,6 +357,7 @@ def try_strategies(
     share = KEPT_TRIAL_SHARE if kept else TRIAL_SHARE
     runs = 2 if kept or forms.triangles > _CACHED_TREE else 1  # a first run also reads the tree from memory
     window = least * _WINDOW / max(features.receivers, 1) * min(1.0, STRATA / features.samples) + 1e-30  # seconds
+    share /= runs if similar.last else 1
     budget, shortest = share * least * similar.untried, max(_MIN_SAMPLE_SECONDS / window, _MIN_WINDOWS)
     count = min(len(names), MAX_TRIED, int(budget / (shortest * window)))
     if count < 2 or shortest * _WINDOW > features.receivers:
