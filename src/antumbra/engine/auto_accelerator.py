@@ -145,8 +145,10 @@ class AutoAccelerator(Accelerator):
         memory, n = self.memory, solid_count(triangles)
         extent = SceneExtent(n, triangle_box(triangles, self.threads))
         forecast = forecast_of(queries, extent)
-        serves_once = memory.first_sight(triangles) and self.culls and few() is None
-        treeless = self._treeless(n, triangles, queries, forecast, extent) if serves_once else None
+        once = memory.first_sight(triangles) and self.culls
+        serves_once = once and few() is None
+        candidates = cache(partial(_candidates, triangles, queries, forecast))
+        treeless = self._treeless(n, candidates, queries, forecast, extent) if serves_once else None
         if treeless is not None:
             memory.moved(triangles)
             return self._without_tree(treeless, triangles, None)
@@ -159,9 +161,9 @@ class AutoAccelerator(Accelerator):
             self._upgrade_builder(memory.strategies.lost + _loss(expected.later) + expected.frames * forecast.lost, n)
             memory.expected = NO_RAYS
         if culled is None:
-            return self._whole_tree(triangles, queries)
+            return self._whole_tree(triangles, queries, once)
         memory.moved(triangles)
-        treeless = self._treeless(len(culled.kept), triangles, queries, forecast, extent)
+        treeless = self._treeless(len(culled.kept), candidates, queries, forecast, extent)
         if treeless is not None:
             return self._without_tree(treeless, triangles, culled)
         why = f"used once; {counted(len(culled.kept), 'triangle', 'matter')}"
@@ -172,7 +174,7 @@ class AutoAccelerator(Accelerator):
     def build(self, triangles: Triangles, sample: RepresentativeRays | None = None) -> Accelerated:
         expected = self.memory.expected
         self._upgrade_builder(_loss(expected.frames * expected.soon + expected.later), solid_count(triangles))
-        return self._whole_tree(triangles, [])
+        return self._whole_tree(triangles, [], False)
 
     def needs_rebuild(self, accelerated: Accelerated) -> bool:
         chosen, memory = accelerated.chosen, self.memory
@@ -241,12 +243,15 @@ class AutoAccelerator(Accelerator):
     def _treeless(
         self,
         n: int,
-        triangles: Triangles,
+        candidates: Callable[[str], float],
         queries: Sequence[ShadowQuery],
         forecast: Forecast,
         extent: SceneExtent,
     ) -> str | None:
-        """The tracer that is predicted to answer the queries without a tree of n triangles sooner than rays in one."""
+        """The tracer that is predicted to answer the queries without a tree of n triangles sooner than rays in one.
+
+        candidates : the estimated number of candidates of a tracer, by its name
+        """
         if not any(features.rays for features in forecast.features):
             return None
         with_tree = forecast.seconds + self._tree_seconds(n, forecast)
@@ -258,8 +263,7 @@ class AutoAccelerator(Accelerator):
             if not is_compiled(f"{name} (raster)") or not _loads.pays(name, with_tree - seconds, cost.load):
                 continue
             if cost.candidate and with_tree > _WORTH_SAMPLING and n > _FEW_TRIANGLES:
-                counts = (sampled_candidates(tracer, triangles, *each) for each in zip(queries, forecast.features))
-                seconds += 1e-9 * cost.candidate * sum(counts)
+                seconds += 1e-9 * cost.candidate * candidates(name)
             if seconds < with_tree:
                 return name
         return None
@@ -295,8 +299,12 @@ class AutoAccelerator(Accelerator):
         state = TreelessState(tracer, soup, self.memory.strategies, culled is not None)
         return Accelerated(triangles, None, state, self.cutouts_of(triangles), True, choice)
 
-    def _whole_tree(self, triangles: Triangles, queries: Sequence[ShadowQuery]) -> Accelerated:
-        """A tree of all triangles; `queries`: those to be traced in it, empty if they are not known."""
+    def _whole_tree(self, triangles: Triangles, queries: Sequence[ShadowQuery], once: bool) -> Accelerated:
+        """A tree of all triangles.
+
+        queries : those to be traced in it, empty if they are not known
+        once : whether no others are expected
+        """
         memory = self.memory
         choice = self._choice_of_all(solid_count(triangles), memory.moved(triangles), bool(queries))
         bvh = self._sampled_tree(choice, triangles, solid_of(triangles, None, self.threads), queries)
@@ -304,7 +312,7 @@ class AutoAccelerator(Accelerator):
             memory.builder = GOOD
         if memory.updated is not None and memory.updated.built is not None:
             choice = choice.with_tree(memory.updated.built.tree, choice.why)
-        return self._prepare(choice, triangles, bvh, None, None)
+        return self._prepare(choice, triangles, bvh, None, None, once)
 
     def _sampled_tree(
         self, choice: TreeChoice, triangles: Triangles, solid: CullResult | None, queries: Sequence[ShadowQuery]
@@ -320,16 +328,18 @@ class AutoAccelerator(Accelerator):
         bvh: Bvh,
         culled: CullResult | None,
         extent: SceneExtent | None,
+        once: bool = True,
     ) -> Accelerated:
         """Prepare a tree for the tracer.
 
         culled : the solid triangles that culling left; None: nothing is culled
         extent : of the scene, if triangles are culled
+        once : as for `_whole_tree`
         """
         upgrades = choice.tree == QUICK and choice.updater is None
         upgrade = TreeUpgrade(partial(self._upgrade, triangles, culled), _is_guided()) if upgrades else None
         plain = partial(self._plain_tree, triangles) if culled is None and choice.updater is None else None
-        tracer = AutoState(bvh, self.threads, self.memory.strategies, choice.tree, upgrade, plain, extent)
+        tracer = AutoState(bvh, self.threads, self.memory.strategies, choice.tree, upgrade, plain, extent, once)
         return Accelerated(triangles, bvh, tracer, self.cutouts_of(triangles), culled is not None, choice)
 
     def _upgrade(self, triangles: Triangles, culled: CullResult | None, query: ShadowQuery) -> tuple[Bvh, str]:
@@ -364,6 +374,11 @@ def forecast_of(queries: Sequence[ShadowQuery], extent: SceneExtent) -> Forecast
         if seconds > most:
             most, main = seconds, strategy
     return Forecast(main, total, lost, of_queries, sum(receivers.values()))
+
+
+def _candidates(triangles: Triangles, queries: Sequence[ShadowQuery], forecast: Forecast, tracer: str) -> float:
+    """`sampled_candidates` of all queries."""
+    return sum(sampled_candidates(TRACERS[tracer], triangles, *each) for each in zip(queries, forecast.features))
 
 
 def _new_tree_seconds(forecast: Forecast, n: int) -> float:

@@ -150,7 +150,7 @@ def new_bits(query: ShadowQuery) -> NDArray[np.uint64]:
 
 def ray_count(query: ShadowQuery) -> int:
     """The number of segments."""
-    return int(np.count_nonzero(query.sides != NOTHING)) * int(query.samples.shape[1])
+    return int(np.count_nonzero(query.sides)) * int(query.samples.shape[1])  # NOTHING is 0
 
 
 class Horizon(NamedTuple):

@@ -11,6 +11,7 @@ from antumbra.engine.auto.query_features import (
     features_of,
     if_sorted,
     is_scattered,
+    places_of,
     sample_of,
     size_of,
     tile_size,
@@ -60,7 +61,9 @@ def test_sorted_rows_are_predicted_to_be_nearer(scene):
     rng = np.random.default_rng(1)
     query, facts = _facts(scene, LIGHTS[0])
     row = query._replace(origins=rng.permutation(query.origins.reshape(-1, 3))[None], sides=query.sides.reshape(1, -1))
-    facts = facts._replace(tile=tile_size(row) / size_of(np.stack(bounds(row.corners.reshape(-1, 3, 3)))))
+    facts = facts._replace(
+        tile=tile_size(row, places_of(row)) / size_of(np.stack(bounds(row.corners.reshape(-1, 3, 3))))
+    )
     assert if_sorted(row, facts, 50.0).tile < facts.tile
 
 
@@ -127,9 +130,9 @@ def test_the_share_of_receivers_that_face_a_light_is_that_of_their_surfaces(ligh
     scene = at.Scene.from_arrays(FLOOR, up="y")
     _, query = query_of(scene, at.Camera((0, 3, 6), (0, 0, 0), width=160, height=120), light, 2)
     assert np.count_nonzero(query.sides) > 5000
-    assert facing_share(query) == share
+    assert facing_share(query, places_of(query)) == share
     small = query_of(scene, at.Camera((0, 3, 6), (0, 0, 0), width=40, height=30), light, 2)[1]
-    assert facing_share(small) == 1.0  # too few rays to be worth looking at them
+    assert facing_share(small, places_of(small)) == 1.0  # too few rays to be worth looking at them
 
 
 def test_features_are_computed_once_for_equal_receivers_lights_and_samples(scene, monkeypatch):

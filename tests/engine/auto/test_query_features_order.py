@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.engine.auto.query_features import reorder_query, spatial_order, tile_size
+from antumbra.engine.auto.query_features import places_of, reorder_query, spatial_order, tile_size
 from antumbra.query.light_samples import light_samples
 from antumbra.query.shadow_query import ShadowQuery
 
@@ -30,7 +30,7 @@ def test_every_receiver_keeps_its_set(n):
 def test_neighbours_are_near_each_other():
     query = _row(4000)
     ordered = reorder_query(query, spatial_order(query.origins[0]))
-    assert tile_size(ordered) < tile_size(query) / 2
+    assert tile_size(ordered, places_of(ordered)) < tile_size(query, places_of(query)) / 2
 
 
 def test_everything_of_a_receiver_moves_with_it():

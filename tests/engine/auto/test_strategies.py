@@ -92,6 +92,17 @@ def test_frusta_of_light_samples_are_not_chosen_without_a_trial(scene, monkeypat
     assert auto.choices[0].reason == "prediction" and auto.choices[0].strategy != "multifrusta:by-sample"
 
 
+@pytest.mark.parametrize("once", [False, True])
+def test_trials_in_a_tree_that_is_used_once_must_pay_for_themselves(scene, monkeypatch, once):
+    """Later frames, which would reuse the result of a longer one, are not expected."""
+    tried = _measured_fastest(monkeypatch, "multifrusta:by-sample")
+    monkeypatch.setattr(strategies, "TRIAL_SHARE", 0.0)
+    triangles, query = query_of(scene, scene.cameras[0].resized(96, 80), SKY, 16)
+    auto = strategies.AutoState(BUILDERS["lbvh"].build(triangles.vertices, 2), 2, builder=GOOD, once=once)
+    strategies.AutoTracer().trace(auto, query, np.zeros((80, 96, 1), np.uint64), 2)
+    assert bool(tried) != once and auto.choices[0].reason == ("prediction" if once else "sample")
+
+
 @pytest.mark.parametrize("cached", [True, False])
 def test_a_large_tree_is_read_from_memory_before_strategies_are_compared_in_it(scene, monkeypatch, cached):
     """The first run of a trial in it says little about a strategy; small trees are in the cache anyway."""
@@ -383,7 +394,10 @@ def test_a_conversion_of_the_tree_counts_less_the_more_queries_share_it(scene, m
     facts = strategies.features_of(query, *forms.extent)
     conversions = forms.conversions(["single", "packet16:blocks"])
     chosen = [
-        strategies.choose_strategy(query, forms, facts, conversions, 2, {}, 0, served).strategy for served in (1, 100)
+        strategies.choose_strategy(
+            query, forms, facts, conversions, 2, {}, strategies.SimilarQueries(0, served)
+        ).strategy
+        for served in (1, 100)
     ]
     assert chosen == ["single", "packet16:blocks"]
 
@@ -395,7 +409,7 @@ def test_the_frames_of_a_walk_share_the_cost_of_a_conversion(scene, monkeypatch)
 
     def recorded(query, forms, features, *rest):
         keys.add(strategies.feature_key(features))
-        served.append(rest[-1])
+        served.append(rest[-1].served)
         return choose(query, forms, features, *rest)
 
     monkeypatch.setattr(strategies, "choose_strategy", recorded)

@@ -33,9 +33,10 @@ _NEVER = 1e12  # nanoseconds per ray: instead of inf, which has no product with 
 _LOST_IN_GOOD = 0.5  # the part of the time lost in a QUICK tree that is also lost in a GOOD one
 _GOOD_OVERHEAD = 0.12  # relative increase of the trace time in a GOOD tree over a BEST one
 _MAX_BEST_TRIANGLES = 1 << 24  # `reinsert` takes about 100 bytes per triangle while it runs
+_GUIDE = 5.5e-3  # seconds to select sample rays for GUIDED, and to find what they meet
 _REFIT = 15.0  # nanoseconds per triangle
 _MARK, _MARK_RECEIVER, _MARK_LIGHT = 8e5, 9.0, 6e5  # culling: nanoseconds in all, per receiver and per light
-_SELECT, _PACK = 3.0, 18.0  # culling: nanoseconds per triangle of the scene, and per triangle that remains
+_SELECT, _PACK = 6.0, 12.0  # culling: nanoseconds per triangle of the scene, and per triangle that remains
 _MORTON_CAPACITY = 1 << 18  # triangles that the Morton cells of QUICK can separate
 
 
@@ -44,10 +45,10 @@ class MachineRates(NamedTuple):
 
     slower: dict[str, float]  # tracer -> measured time per ray relative to the rate that it states; missing: 1
     forms: dict[str, float]  # tracer -> nanoseconds per triangle to convert the tree to its form; missing: as it states
-    builds: dict[str, float]  # builder -> nanoseconds per triangle
+    builds: dict[str, float]  # builder -> nanoseconds per triangle, besides what GUIDED takes for its sample
 
 
-SHIPPED = MachineRates({}, {}, {QUICK: 40.0, GOOD: 195.0, GUIDED: 285.0, BEST: 600.0})
+SHIPPED = MachineRates({}, {}, {QUICK: 55.0, GOOD: 310.0, GUIDED: 355.0, BEST: 715.0})
 """Rates used until `antumbra warmup` has measured this machine."""
 
 
@@ -110,7 +111,8 @@ def form_seconds(tracer: str | None, triangles: int) -> float:
 
 def build_seconds(builder: str, triangles: int) -> float:
     """Predicted seconds to build a tree."""
-    return 1e-9 * machine_rates().builds.get(builder, SHIPPED.builds[builder]) * triangles
+    seconds = 1e-9 * machine_rates().builds.get(builder, SHIPPED.builds[builder]) * triangles
+    return seconds + _GUIDE if builder == GUIDED else seconds
 
 
 def lost_share(tracer: str | None) -> float:

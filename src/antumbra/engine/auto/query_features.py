@@ -6,11 +6,13 @@ small samples from a query. Strategies are timed on such a sample because their 
 
 import weakref
 from collections import deque
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...query.equal_samples import have_equal_samples
 from ...query.query_bounds import bounds, morton_codes
 from ...query.receivers import NOTHING
 from ...query.shadow_query import ShadowQuery, with_receivers
@@ -23,11 +25,12 @@ from ...trace.tracer_cost import QueryFeatures
 # --- features ---------------------------------------------------------------------------------------------------------
 
 _MEASURED_TILES = 96
-_FACING_RECEIVERS, _FACING_POINTS = 512, 4
+_FACING_STEP, _FACING_POINTS = 8, 4  # one in so many receivers of measured tiles; points of the light
 _FEW_RAYS = 1 << 14  # rays that take less time than looking at their receivers would save
 _TILE_SIDE = 4  # receivers along each side of an image tile
 _DISTANT = 4.0  # distance of the samples of distant lights, relative to that of other lights
 _SCATTERED = 0.7  # least share of the scene's extent along each axis
+_YZX, _ZXY = [1, 2, 0], [2, 0, 1]  # axes
 _MIN_SIZE, _MAX_SIZE = 1e-6, 1e3  # relative to the scene's extents; sizes are clamped to this range
 
 
@@ -60,13 +63,14 @@ def features_of(query: ShadowQuery, triangles: int, box: NDArray[np.float32]) ->
 
 
 def _features_of(query: ShadowQuery, triangles: int, box: NDArray[np.float32]) -> QueryFeatures:
-    size = size_of(box)
+    size, seen = size_of(box), places_of(query)
     stratum, chunk = (_relative(extent, size) for extent in _light_sizes(query))
     receivers = int(np.count_nonzero(query.sides))  # NOTHING is 0; a comparison would need memory of its own
-    tile, kind = _relative(tile_size(query), size), query.light.kind
+    tile, kind = _relative(tile_size(query, seen), size), query.light.kind
     if kind == DIRECTIONAL and is_incoherent(query):
         kind = LIST
-    return QueryFeatures(triangles, receivers, query.samples.shape[1], kind, tile, stratum, chunk, facing_share(query))
+    facing = facing_share(query, seen)
+    return QueryFeatures(triangles, receivers, query.samples.shape[1], kind, tile, stratum, chunk, facing)
 
 
 def _relative(extent: float, size: float) -> float:
@@ -80,21 +84,31 @@ def _light_sizes(query: ShadowQuery) -> tuple[float, float]:
         return light.radius, light.radius
     if light.kind == SPHERE:
         return light.radius / _TILE_SIDE, light.radius
+    if query.samples.shape[1] == 1 and have_equal_samples(light, query.samples):
+        return 0.0, 0.0
     stratum, chunk = sample_extents(query)
     divisor = 2.0 * _DISTANT if light.kind == DIRECTIONAL else 2.0
     return float(stratum) / divisor, float(chunk) / divisor
 
 
-def tile_size(query: ShadowQuery) -> float:
-    """Mean size of the box of a tile's receivers, over at most `_MEASURED_TILES` tiles."""
-    h, w = query.sides.shape
-    width, height = tile_shape(query)[:2]
+def places_of(query: ShadowQuery) -> NDArray[np.int64]:
+    """(k, 16) int64: flat indices of the receivers of a few tiles, at most `_MEASURED_TILES`; do not write to it."""
+    shape = tile_shape(query)
+    return _places(*query.sides.shape, shape.height, shape.width)
+
+
+@lru_cache(8)
+def _places(h: int, w: int, height: int, width: int) -> NDArray[np.int64]:
     rows, columns = max(h // height, 1), max(w // width, 1)
     count = min(rows * columns, _MEASURED_TILES)
     tiles = np.arange(count) * (rows * columns - 1) // max(count - 1, 1)
-    y, x = tiles // columns * height, tiles % columns * width
-    at = np.s_[(y[:, None] + np.arange(min(height, h)))[:, :, None], (x[:, None] + np.arange(min(width, w)))[:, None]]
-    points, valid = query.origins[at].reshape(len(tiles), -1, 3), query.sides[at].reshape(len(tiles), -1) != NOTHING
+    lanes = np.arange(min(height, h))[:, None] * w + np.arange(min(width, w))
+    return (tiles // columns * height * w + tiles % columns * width)[:, None] + lanes.reshape(-1)
+
+
+def tile_size(query: ShadowQuery, places: NDArray[np.int64]) -> float:
+    """Mean size of the box of a tile's receivers; `places`: those of tiles, from `places_of`."""
+    points, valid = query.origins.reshape(-1, 3)[places], query.sides.reshape(-1)[places] != NOTHING
     if valid.all() and valid.shape[1] > 1:  # as in most pictures
         return float((points.max(1).astype(np.float64) - points.min(1)).sum(1).mean())
     several = valid.sum(1) > 1
@@ -105,19 +119,27 @@ def tile_size(query: ShadowQuery) -> float:
     return float((upper.astype(np.float64) - lower).sum(1).mean())
 
 
-def facing_share(query: ShadowQuery) -> float:
-    """The share of the receivers that face the light, estimated from a few of them and a few points of the light."""
-    light, every = query.light, max(query.sides.size // _FACING_RECEIVERS, 1)
-    sides, faces = query.sides.reshape(-1)[::every], query.faces.reshape(-1)[::every]
+def facing_share(query: ShadowQuery, places: NDArray[np.int64]) -> float:
+    """The share of the receivers that face the light, estimated from a few of them and a few points of the light.
+
+    places : those of tiles, from `places_of`
+    """
+    light, some = query.light, places[:, ::_FACING_STEP].reshape(-1)
+    if light.kind == AMBIENT or query.sides.size * query.samples.shape[1] < _FEW_RAYS:
+        return 1.0
+    sides, faces = query.sides.reshape(-1)[some], query.faces.reshape(-1)[some]
     there = np.flatnonzero((sides != NOTHING) & (faces >= 0))
-    if light.kind == AMBIENT or not len(there) or query.sides.size * query.samples.shape[1] < _FEW_RAYS:
+    if not len(there):
         return 1.0
     a, b, c = query.corners[faces[there]].reshape(-1, 3, 3).swapaxes(0, 1)
-    normals = np.cross(b - a, c - a) * sides[there, None]
+    u, v = b - a, c - a
+    normals = (u[:, _YZX] * v[:, _ZXY] - u[:, _ZXY] * v[:, _YZX]) * sides[
+        there, None
+    ]  # np.cross takes three times that
     samples = query.samples[0, :: -(-query.samples.shape[1] // _FACING_POINTS)]
     points = light.base + (0.0 if light.kind == SPHERE else samples @ np.stack([light.u, light.v, light.w]))
     points = points.reshape(-1, 1, 3)
-    towards = points if light.kind == DIRECTIONAL else points - query.origins.reshape(-1, 3)[::every][there]
+    towards = points if light.kind == DIRECTIONAL else points - query.origins.reshape(-1, 3)[some[there]]
     return float(((normals * towards).sum(-1) > 0.0).mean())
 
 

@@ -136,7 +136,7 @@ def answer_query(
 # --- choice -----------------------------------------------------------------------------------------------------------
 
 TRIAL_SHARE = 0.04  # maximum cost of a run of a trial, relative to the predicted cost of the queries since the last one
-KEPT_TRIAL_SHARE = 0.12  # the same where one of them is loaded, as only queries of kept trees do
+KEPT_TRIAL_SHARE = 0.12  # the same in a kept tree where one of them is loaded: later frames reuse the result
 MAX_CONVERSION_SHARE = 0.1  # maximum cost of a tree conversion for a try, relative to the least predicted cost
 KEPT_CONVERSION_SHARE = 0.4  # the same for each further query in the tree
 MAX_TRIED = 6  # strategies
@@ -252,6 +252,17 @@ def feature_key(features: QueryFeatures) -> Key:
     return features.kind, features.samples, receivers, *sizes
 
 
+class SimilarQueries(NamedTuple):
+    """Queries with features like those of a query, this one included."""
+
+    untried: int = 1  # those that may pay for a trial
+    served: int = 1  # those in this tree, which share the cost of converting it: as many may follow
+    last: bool = False  # whether no further one is expected, so that a trial must pay for itself
+
+
+ALONE = SimilarQueries()
+
+
 def choose_strategy(
     query: ShadowQuery,
     forms: TreeForms,
@@ -259,24 +270,21 @@ def choose_strategy(
     conversions: dict[str, float],
     threads: int,
     known: dict[str, float],
-    repeats: int = 1,
-    served: int = 1,
+    similar: SimilarQueries = ALONE,
 ) -> StrategyChoice:
     """Choose the strategy for a query.
 
     conversions : from `TreeForms.conversions`, of the strategies that can answer it
     known : strategy -> nanoseconds per ray of earlier queries; empty: unknown
-    repeats : number of similar queries, this one included, that may pay for a trial
-    served : number of similar queries in this tree, which share the cost of converting it: as many may follow
     """
-    conversion = {name: seconds / served for name, seconds in conversions.items()}
+    conversion = {name: seconds / similar.served for name, seconds in conversions.items()}
     if known:
         cost = {name: 1e-9 * known[name] * features.rays + conversion[name] for name in conversion if name in known}
         strategy = min(cost, key=cost.__getitem__)
         return StrategyChoice(strategy, features.rays, "earlier query", cost[strategy], {})
     cost = {name: predicted_rate(name, features) * features.rays + conversion[name] for name in conversion}
     strategy = min((name for name in cost if not cost_of(name).load), key=cost.__getitem__)
-    tried = try_strategies(query, forms, cost, conversion, features, threads, repeats, served)
+    tried = try_strategies(query, forms, cost, conversion, features, threads, similar)
     if not tried:
         return StrategyChoice(strategy, features.rays, "prediction", cost[strategy], {})
     strategy = min(tried, key=tried.__getitem__)
@@ -290,7 +298,7 @@ def worth_trying(cost: dict[str, float], conversion: dict[str, float], served: i
 
     cost : strategy -> predicted seconds, including the conversion of the tree
     conversion : strategy -> predicted seconds to convert the tree to its form, this query's share
-    served : as for `choose_strategy`
+    served : as in `SimilarQueries`
     """
     best = min(cost, key=cost.__getitem__)
     tracing = {name: cost[name] - conversion[name] for name in cost}
@@ -336,22 +344,21 @@ def try_strategies(
     conversion: dict[str, float],
     features: QueryFeatures,
     threads: int,
-    repeats: int = 1,
-    served: int = 1,
+    similar: SimilarQueries = ALONE,
 ) -> dict[str, float]:
     """Strategy -> nanoseconds per ray, measured on a sample of the query; empty if trials cost too much.
 
     Shafts may be a hundred times slower than predicted. If the first window takes too long, they are not tried further.
 
     cost, conversion : as for `worth_trying`
-    repeats, served : as for `choose_strategy`
     """
-    names, least = worth_trying(cost, conversion, served), min(cost.values())
-    kept = any(cost_of(name).load for name in names)
+    names, least = worth_trying(cost, conversion, similar.served), min(cost.values())
+    kept = not similar.last and any(cost_of(name).load for name in names)
     share = KEPT_TRIAL_SHARE if kept else TRIAL_SHARE
     runs = 2 if kept or forms.triangles > _CACHED_TREE else 1  # a first run also reads the tree from memory
     window = least * _WINDOW / max(features.receivers, 1) * min(1.0, STRATA / features.samples) + 1e-30  # seconds
-    budget, shortest = share * least * repeats, max(_MIN_SAMPLE_SECONDS / window, _MIN_WINDOWS)
+    share /= runs if similar.last else 1
+    budget, shortest = share * least * similar.untried, max(_MIN_SAMPLE_SECONDS / window, _MIN_WINDOWS)
     count = min(len(names), MAX_TRIED, int(budget / (shortest * window)))
     if count < 2 or shortest * _WINDOW > features.receivers:
         return {}
@@ -450,6 +457,8 @@ class AutoState(TracerState):
         Builds a GOOD tree of the same triangles, which may replace a GUIDED one.
     extent : SceneExtent, optional
         Of the scene, if culling has left only a part of its triangles in the tree.
+    once : bool
+        Whether no later frame is expected to use the tree.
     """
 
     def __init__(
@@ -461,7 +470,9 @@ class AutoState(TracerState):
         upgrade: TreeUpgrade | None = None,
         plain: Callable[[], Bvh] | None = None,
         extent: SceneExtent | None = None,
+        once: bool = False,
     ) -> None:
+        self.once = once
         self.forms, self.memory = TreeForms(bvh, thread_count(threads), extent), memory or StrategyMemory()
         self.builder, self._upgrade, self._plain = builder, upgrade, plain
         self._missed = 0.0  # seconds that queries would have gained in a GOOD tree instead of a GUIDED one
@@ -621,8 +632,8 @@ class AutoTracer(Tracer):
             places = spatial_order(query.origins[0])
             query = reorder_query(query, places)
             features = features_of(query, *forms.extent)
-        known, repeats = memory.rates(key), memory.repeats(key)
-        choice = choose_strategy(query, forms, features, conversions, threads, known, repeats, served)
+        among = SimilarQueries(memory.repeats(key), served, prepared.once)
+        choice = choose_strategy(query, forms, features, conversions, threads, memory.rates(key), among)
         prepared.improve(query, choice, threads)
         tracer = TRACERS[choice.strategy]
         form, start = prepared.forms.of(tracer.form), _clock(tracer, threads)

@@ -207,7 +207,20 @@ def bounds_of(tiles: ReceiverTiles) -> tuple[NDArray[np.float64], NDArray[np.flo
     """Lower and upper corner, (3,) float64, of all receivers; None if there are none."""
     if not (tiles.boxes[:, 0] <= tiles.boxes[:, 4]).any():
         return None
-    return tiles.boxes[:, :3].min(0).astype(np.float64), tiles.boxes[:, 4:7].max(0).astype(np.float64)
+    return _extreme(np.minimum, tiles.boxes)[:3].astype(np.float64), _extreme(np.maximum, tiles.boxes)[4:7].astype(
+        np.float64
+    )
+
+
+_FOLD = 128  # boxes reduced side by side: NumPy is slow for rows as short as a box
+
+
+def _extreme(function: np.ufunc, boxes: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(8,) float32: the minimum or maximum of (n, 8) float32 boxes, n > 0."""
+    whole = len(boxes) // _FOLD * _FOLD
+    folded = function.reduce(boxes[:whole].reshape(-1, 8 * _FOLD)) if whole else np.empty(0, np.float32)
+    rest: NDArray[np.float32] = function.reduce(np.concatenate([folded.reshape(-1, 8), boxes[whole:]]))
+    return rest
 
 
 def sources_of(tiles: ReceiverTiles, grid: CellGrid, threads: int) -> NDArray[np.float64]:
@@ -217,7 +230,7 @@ def sources_of(tiles: ReceiverTiles, grid: CellGrid, threads: int) -> NDArray[np
     cells = np.empty((parts, grid.n**3, 8), np.float32)
     run(_bound_cells, threads, new_ticket(parts, 1), tiles, grid, cells)
     boxes = cells[:, (cells[:, :, 0] <= cells[:, :, 4]).any(0)]
-    return np.stack([boxes[:, :, :3].min(0), boxes[:, :, 4:7].max(0)], 1).astype(np.float64)
+    return np.stack([boxes.min(0)[:, :3], boxes.max(0)[:, 4:7]], 1).astype(np.float64)
 
 
 # --- Targets: boxes around the samples of a light ---------------------------------------------------------------------
