@@ -18,7 +18,7 @@ ACROSS = {
 THROUGH = {
     "pictures, rays and points of all plans, whose bits are compared with the oracle": """
         trace/descent trace/horizon trace/frusta/bundle trace/frusta/multi_frusta
-        trace/rays/hit_reports trace/rays/interleaved_rays trace/rays/ray_packet
+        trace/rays/interleaved_rays trace/rays/ray_packet
         techniques/chcrt/nearest_hits
     """,
     "scenes of instances, which have the bits of their flattened copies": """

@@ -53,9 +53,9 @@ order,
     T = a . n:  error 3 (6 + 4 + 6) u u m s s + 28 u u m s s = 76 u u m s s        D = d . n:  76 u u l s s
 
 A component of T carries the error of n, and the roundings of m lo and of its sum with the low part of the product. The
-sums of components add the remainder. q = T / D is then corrected by (T - q D) / D, with an error of 12 u u q. ``_ROOM``
-= 256 leaves a margin. If the corrected t rounds to the same number at both ends of the error interval, that number is
-correct; otherwise `exact_t` decides.
+sums of components add the remainder. q = T * (1 / D), with an error of 3 u q, is then corrected by (T - q D) * (1 / D),
+with an error of 32 u u q. ``_ROOM`` = 256 leaves a margin. If the corrected t rounds to the same number at both ends of
+the error interval, that number is correct; otherwise `exact_t` decides.
 """
 
 from typing import NamedTuple
@@ -519,7 +519,8 @@ def quick_t(d, a, p, q):
     x, y, z = _minor(p[1], q[2], p[2], q[1]), _minor(p[2], q[0], p[0], q[2]), _minor(p[0], q[1], p[1], q[0])
     volume, volume_low = _dot(a, x, y, z)
     det, det_low = _dot(d, x, y, z)
-    t, inverse = volume / det, 1.0 / det
+    inverse = 1.0 / det  # one division is slower than all products
+    t = volume * inverse
     product, product_low = _product(t, det)
     correction = (((volume - product) - product_low) + (volume_low - t * det_low)) * inverse
     s = _larger_magnitude(max_magnitude(p), max_magnitude(q))
@@ -532,9 +533,8 @@ def quick_t(d, a, p, q):
 def quick_weights(d, a, p, q):
     """Weights of the second and third corner, each with an error of at most 2**-26, or UNKNOWN for the second one."""
     w = volumes_of(d, a, p, q)
-    certain = _WEIGHTS * abs(w.d)
-    b, c = w.e1 / w.d, w.e2 / w.d
-    return (b if w.e_error <= certain and w.d_error <= certain else UNKNOWN), c
+    certain, inverse = _WEIGHTS * abs(w.d), 1.0 / w.d
+    return (w.e1 * inverse if w.e_error <= certain and w.d_error <= certain else UNKNOWN), w.e2 * inverse
 
 
 @inlined

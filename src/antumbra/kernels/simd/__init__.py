@@ -50,6 +50,8 @@ Bits of an int64
     `popcount`, `lowest_bit` (64 for 0) and `highest_bit` (-1 for 0), to iterate over the lanes of ``bits(mask)``.
 Float64
     `product_error`, the exact rounding error of a product of two scalars.
+Loops
+    `widen_loops` lets LLVM vectorise the loops of a kernel for 512-bit registers.
 
 Guarantees and limits
 ---------------------
@@ -97,6 +99,7 @@ _HOMES = {
         absolute all_lanes any_lane bits extract f32_bits flip_sign fma iota4 iota8 iota16 join mask_from_bits4
         mask_from_bits8 mask_from_bits16 maximum minimum permute reduce_and reduce_max reduce_min select shuffle splat1
         splat4 splat8 splat16 square_root swap_halves to_f32 to_f64 to_i32 highest_bit lowest_bit popcount product_error
+        widen_loops
     """,
     "load_store": """
         as_f32 as_i32 atomic_add atomic_and atomic_or broadcast4 broadcast8 broadcast16 f32_at f64_at gather get
@@ -175,4 +178,5 @@ __all__ = [
     "to_f32",
     "to_f64",
     "to_i32",
+    "widen_loops",
 ]

@@ -1,7 +1,7 @@
 """Operations on the lanes of vectors, and on scalars: make, choose, combine, convert, permute, reduce.
 
 The scalar operations are bit counts of an int64, for loops over the set lanes of a mask, and the rounding error of a
-float64 product.
+float64 product. `widen_loops` is for loops that LLVM vectorises.
 """
 
 from collections.abc import Sequence
@@ -417,3 +417,21 @@ def product_error(typingctx, a, b, product):
         return call_llvm(builder, name, ir.DoubleType(), values)
 
     return types.float64(a, b, product), codegen
+
+
+# --- Vectorisation by LLVM --------------------------------------------------------------------------------------------
+
+
+@intrinsic
+def widen_loops(typingctx):
+    """Let LLVM vectorise the loops of this kernel for 512-bit registers, where the processor has them.
+
+    Otherwise it uses half of such a register, because some processors run slower with whole ones. That is no
+    consideration in a kernel with vectors of 16 lanes. Call it in the kernel itself, not in an inlined function.
+    """
+
+    def codegen(context, builder, sig, values):
+        set.add(builder.function.attributes, '"prefer-vector-width"="512"')  # llvmlite knows no attributes of targets
+        return context.get_dummy_value()
+
+    return types.void(), codegen

@@ -22,9 +22,11 @@ from ...kernels.exact.filters import (
 from ...kernels.jit import F32Ptr, F64Ptr, I32Ptr, I64Ptr, inlined
 from ...kernels.simd import (
     absolute,
+    all_lanes,
     bits,
     get,
     load8,
+    load16,
     lowest_bit,
     maximum,
     minimum,
@@ -37,7 +39,7 @@ from ...kernels.simd import (
 )
 from ...kernels.transposition import transposed8
 from .row_tiles import RUN, place_of
-from .wide_traversal import BLOCK_WORDS, DX, LANES, OX, block_of, hits_of, ray_of, slot_of
+from .wide_traversal import BLOCK_WORDS, BLOCKS, DX, LANES, OX, block_of, hits_of, ray_of, slot_of
 
 CORNER_WORDS = 9 * LANES
 REPORT_WORDS = 4 * LANES
@@ -67,18 +69,44 @@ def _minus(a, b):
 
 
 @inlined
+def _put_numbers(numbers, i, o, d, triangle):
+    """Compute and write the numbers of ray i, from o along d; triangle: its three corners."""
+    v0, v1, v2 = triangle
+    a, p, q = _minus(v0, o), _minus(v1, v0), _minus(v2, v0)
+    (t, det), (u, v) = quick_t(d, a, p, q), quick_weights(d, a, p, q)
+    put(numbers, _T + i, t if are_differences(o, v0, v1, v2, a, p, q) else UNKNOWN)
+    put(numbers, _U + i, u)
+    put(numbers, _V + i, v)
+    put(numbers, _D + i, det)
+
+
+@inlined
 def _fill_report(rows, report):
     """Compute the numbers of all sixteen rays. LLVM vectorises the loop."""
-    corners, out = report.corners, report.numbers
+    c = report.corners
     for i in range(LANES):
-        o, d = _vector(rows, OX + i), _vector(rows, DX + i)
-        v0, v1, v2 = _vector(corners, i), _vector(corners, 3 * LANES + i), _vector(corners, 6 * LANES + i)
-        a, p, q = _minus(v0, o), _minus(v1, v0), _minus(v2, v0)
-        (t, det), (u, v) = quick_t(d, a, p, q), quick_weights(d, a, p, q)
-        put(out, _T + i, t if are_differences(o, v0, v1, v2, a, p, q) else UNKNOWN)
-        put(out, _U + i, u)
-        put(out, _V + i, v)
-        put(out, _D + i, det)
+        triangle = _vector(c, i), _vector(c, 3 * LANES + i), _vector(c, 6 * LANES + i)
+        _put_numbers(report.numbers, i, _vector(rows, OX + i), _vector(rows, DX + i), triangle)
+
+
+@inlined
+def _is_fan(rows, lanes):
+    """Whether sixteen rays come from one point and hit the same triangle; lanes: of their `WideHit`."""
+    same = load16(lanes, 0) == np.int32(get(lanes, 0))
+    for k in range(3):
+        same &= load16(rows, OX + LANES * k) == get(rows, OX + LANES * k)
+    return all_lanes(same)
+
+
+@inlined
+def _fill_fan(rows, corners, slot, report):
+    """`_fill_report` for a fan. LLVM computes once what the rays have in common: about half of all."""
+    f, k, o = np.float64, 9 * slot, _vector(rows, OX)
+    v0 = f(get(corners, k)), f(get(corners, k + 1)), f(get(corners, k + 2))
+    v1 = f(get(corners, k + 3)), f(get(corners, k + 4)), f(get(corners, k + 5))
+    v2 = f(get(corners, k + 6)), f(get(corners, k + 7)), f(get(corners, k + 8))
+    for i in range(LANES):
+        _put_numbers(report.numbers, i, o, _vector(rows, DX + i), (v0, v1, v2))
 
 
 @inlined
@@ -104,9 +132,27 @@ def write_hit(tree, rays, k, report, signed, out, at):
 
 
 @inlined
+def _all_hit(hits):
+    """Whether all rays of a full batch have a hit in a lane."""
+    least = load16(hits.lane, 0)
+    for j in range(1, BLOCKS):
+        least = minimum(least, load16(hits.lane, j * LANES))
+    return all_lanes(least >= 0)
+
+
+@inlined
 def _write_misses(tree, hits, n, report, out, runs):
     """Write the misses among n rays, and list the rays that hit and their slots. Return their number."""
     n_hits = np.int64(0)
+    if n == BLOCKS * LANES and runs.columns == RUN and _all_hit(hits):
+        for i in range(n):
+            slot = np.int64(get(tree.slots, get(hits_of(hits, i // LANES).lane, i % LANES)))
+            put(report.rays, i, i)
+            put(report.slots, i, slot)
+            corners = ptr_at(tree.corners, 9 * slot)
+            prefetch(corners, 0)
+            prefetch(corners, 8)
+        return n
     for i in range(n):
         slot = slot_of(tree, hits_of(hits, i // LANES), i % LANES)
         put(report.rays, n_hits, i)
@@ -183,8 +229,9 @@ def _write_block(tree, rays, first, report, out, runs):
         store(ptr(out.t), at, t)
         store(ptr(out.u), at, _clamped(u))
         store(ptr(out.v), at, _clamped(load8(numbers, _V + half)))
+        faces, slots = ptr_at(out.face, at), ptr_at(report.slots, first + half)
         for k in range(RUN):
-            out.face[at + k] = get(tree.prim_ids, get(report.slots, first + half + k))
+            put(faces, k, get(tree.prim_ids, get(slots, k)))
         unknown = bits((to_f32(t) == _UNKNOWN) | (to_f32(u) == _UNKNOWN))
         while unknown:
             k = lowest_bit(unknown)
@@ -200,9 +247,13 @@ def write_nearest(tree, rays, hits, n, report, out, runs):
         return
     pad(report, n_hits)
     for begin in range(0, n_hits, LANES):
-        compute_numbers(tree, rays, report, begin, n_hits, n)
-        if n_hits == n and begin + LANES <= n:
+        rows, all_hit = ptr_at(rays.rows, begin // LANES * BLOCK_WORDS), n_hits == n and begin + LANES <= n
+        if all_hit and _is_fan(rows, ptr_at(hits.lane, begin)):
+            _fill_fan(rows, tree.corners, get(report.slots, begin), report)
+        else:
+            compute_numbers(tree, rays, report, begin, n_hits, n)
+        if all_hit:
             _write_block(tree, rays, begin, report, out, runs)
-            continue
-        for k in range(begin, min(begin + LANES, n_hits)):
-            write_hit(tree, rays, k, report, False, out, place_of(runs, np.int64(get(report.rays, k))))
+        else:
+            for k in range(begin, min(begin + LANES, n_hits)):
+                write_hit(tree, rays, k, report, False, out, place_of(runs, np.int64(get(report.rays, k))))

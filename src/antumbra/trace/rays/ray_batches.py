@@ -21,6 +21,7 @@ from ...kernels.simd import (
     bits,
     broadcast16,
     f32_at,
+    f32_bits,
     f64_at,
     gather,
     get,
@@ -44,6 +45,7 @@ from ...kernels.simd import (
     store,
     to_f32,
     to_f64,
+    widen_loops,
 )
 from ...query.ray_list import NO_RAYS, HitArrays, RayArguments, hit_arrays
 from ...scene.scene_bounds import NEAREST
@@ -86,7 +88,7 @@ _FAR_ROWS = 1 << 16  # bytes between rows, from which on offsets in a tile may e
 _FIRST_COLUMN = np.int64(0x0101010101010101)  # bits of the first ray of each run
 _LINES = packed(NO_RUNS).words
 _QUERIES = packed(False).words, packed(True).words  # the values of any_hit
-_FINITE = np.float32(3.4028235e38)
+_FINITE = np.int32(0x7F7FFFFF)  # the bits of the largest float32
 _NEAREST, _ZERO = np.float32(NEAREST), np.float32(0.0)
 
 
@@ -102,7 +104,8 @@ def _fill_vectors(operand, first, step, shift, rows, at):
     else:
         columns, others = load16x3(f32_at(begin), 0), load16x3(f32_at(begin), next_run)
         for k in range(3):
-            store(rows, at + LANES * k, to_f32(to_f64(select(left, columns[k], others[k])) - shift[k]))
+            column = select(left, columns[k], others[k])
+            store(rows, at + LANES * k, column if shift[k] == 0.0 else to_f32(to_f64(column) - shift[k]))
 
 
 @inlined
@@ -178,12 +181,22 @@ def _settle(rows, at):
 
 
 @inlined
+def _largest_bits(rows, at):
+    """The largest magnitude of a block's points, in three rows from word `at`: its bits, an int32 that orders like it.
+
+    The bits of NaN are the largest.
+    """
+    x, y, z = load16(rows, at), load16(rows, at + LANES), load16(rows, at + 2 * LANES)
+    return maximum(maximum(f32_bits(absolute(x)), f32_bits(absolute(y))), f32_bits(absolute(z)))
+
+
+@inlined
 def _load(args, first, step, last, block):
     """Convert two runs of rays, see `_ray_at`, and repeat the `last` one beyond the end.
 
     Return (whether all are valid, bits of the rays with a non-zero direction). Only segments may have zero directions.
     """
-    f, rows, skip, zero, frame = np.float32, block.rows, block.skip, np.float64(0.0), args.frame
+    rows, skip, zero, frame = block.rows, block.skip, np.float64(0.0), args.frame
     _fill_points(args.origins, first, step, last, frame, rows, OX)
     shift = frame if block.segments else (zero, zero, zero)
     _fill_points(args.directions, first, step, last, shift, rows, DX)
@@ -196,13 +209,11 @@ def _load(args, first, step, last, block):
     else:
         for i in range(LANES):
             put(skip, i, get(i32_at(args.skip.address + _ray_at(first, step, i, last) * args.skip.row), 0))
-    finite = absolute(load16(rows, OX)) <= _FINITE  # false for NaN too
-    for k in range(1, 6):
-        finite &= absolute(load16(rows, OX + LANES * k)) <= _FINITE
+    finite = _largest_bits(rows, OX)
+    finite = maximum(finite, _largest_bits(rows, DX)) <= _FINITE
     if block.segments:
         _point_at_targets(block)
-    x, y, z = load16(rows, DX), load16(rows, DX + LANES), load16(rows, DX + 2 * LANES)
-    moves = maximum(maximum(absolute(x), absolute(y)), absolute(z)) > f(0.0)
+    moves = _largest_bits(rows, DX) > 0
     return good and all_lanes(finite) and (block.segments or all_lanes(moves)), bits(moves)
 
 
@@ -233,6 +244,8 @@ def _packet_rays(rows, first, candidates, tree_reach, turn, any_hit):
     """Rays (bits) of the blocks in `candidates` that are coherent with block `first`; 0 if its own rays are not."""
     members = 0
     if is_coherent_with(rows, first, first, tree_reach, turn, any_hit):
+        members = rays_of_block(first)
+        candidates &= ~members
         while candidates:
             j = first_block(candidates)
             candidates &= ~rays_of_block(j)
@@ -246,13 +259,13 @@ def write_blocked(blocked, n, runs, out):
     """Write the answers (bits) of a batch with n rays."""
     whole = n == _RAYS and runs.columns == RUN
     for k in range((n + RUN - 1) // RUN):
-        first, answers = runs.first + k * runs.step, blocked >> k * RUN
+        row, answers = ptr_at(out, runs.first + k * runs.step), blocked >> k * RUN
         if whole:
             for i in range(RUN):
-                out[first + i] = (answers >> i) & 1
+                put(row, i, (answers >> i) & 1)
         else:
             for i in range(min(runs.columns, n - k * RUN)):
-                out[first + i] = (answers >> i) & 1
+                put(row, i, (answers >> i) & 1)
 
 
 @inlined
@@ -301,6 +314,7 @@ def _fetch_next(rays, runs, any_hit, out):
 
 @kernel
 def _blocks(ticket, wide, batches, any_hit, out, faults, counters):
+    widen_loops()
     rays, listed = batches.rays, batches.runs
     rows, precise, skip = stack_f32(_ROWS), stack_f64(_ENDS), stack_i32(_RAYS)
     hits = WideHit(stack_i32(_RAYS), stack_i32(_TESTS))

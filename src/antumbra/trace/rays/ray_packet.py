@@ -131,51 +131,77 @@ def _end(rows, at, k):
 
 
 @inlined
-def _focus_of(rows, alive):
-    """The `Focus` of the blocks that hold the rays in `alive` (bits): the first origin, or the first end.
-
-    The end is used if the ends are closer together than the origins, and its quotients cannot overflow.
-    """
-    first = first_block(alive) * BLOCK_WORDS
-    starts, ends, sizes = splat16(np.float32(0.0)), splat16(np.float32(0.0)), splat16(np.float32(0.0))
-    x, y, z = get(rows, first + OX), get(rows, first + OX + LANES), get(rows, first + OX + 2 * LANES)
-    ex, ey, ez = extract(_end(rows, first, 0), 0), extract(_end(rows, first, 1), 0), extract(_end(rows, first, 2), 0)
-    o, e = (x, y, z), (ex, ey, ez)
+def _spread_of_ends(rows, alive, e):
+    """The largest distance, along an axis, from a point e to the ends of blocks with rays in `alive` (bits)."""
+    ends = splat16(np.float32(0.0))
     while alive:
         j = first_block(alive)
         alive &= ~rays_of_block(j)
         for k in range(3):
+            ends = maximum(ends, absolute(_end(rows, j * BLOCK_WORDS, k) - e[k]))
+    return reduce_max(ends)
+
+
+@inlined
+def _focus_of(rows, alive, limit):
+    """The `Focus` of the blocks that hold the rays in `alive` (bits): the first origin, or the first end.
+
+    The end is used if the ends are closer together than the origins, and its quotients cannot overflow.
+
+    limit : the greatest limit of the rays
+    """
+    first, remaining = first_block(alive) * BLOCK_WORDS, alive
+    starts, sizes = splat16(np.float32(0.0)), splat16(np.float32(0.0))
+    o = get(rows, first + OX), get(rows, first + OX + LANES), get(rows, first + OX + 2 * LANES)
+    while remaining:
+        j = first_block(remaining)
+        remaining &= ~rays_of_block(j)
+        for k in range(3):
             start = load16(rows, OX + LANES * k + j * BLOCK_WORDS)
             sizes, starts = maximum(sizes, absolute(start)), maximum(starts, absolute(start - o[k]))
-            ends = maximum(ends, absolute(_end(rows, j * BLOCK_WORDS, k) - e[k]))
-    size, end = reduce_max(sizes), max(max(abs(ex), abs(ey)), abs(ez))
-    if end < LARGE and reduce_max(ends) < reduce_max(starts):  # false too for rays without end
-        return Focus(ex, ey, ez, max(size, end))
-    return Focus(x, y, z, size)
+    size, spread = reduce_max(sizes), reduce_max(starts)
+    if spread > 0.0 and limit < _INF:
+        e = extract(_end(rows, first, 0), 0), extract(_end(rows, first, 1), 0), extract(_end(rows, first, 2), 0)
+        end = max(max(abs(e[0]), abs(e[1])), abs(e[2]))
+        if end < LARGE and _spread_of_ends(rows, alive, e) < spread:
+            return Focus(e[0], e[1], e[2], max(size, end))
+    return Focus(o[0], o[1], o[2], size)
+
+
+@inlined
+def _mixed_axis(rows, alive, k, pad):
+    """(`low`, `high`, `near`, `far`) of `PacketAxis` k, along which directions differ in sign."""
+    backs, fronts, firsts, lasts = splat16(-_INF), splat16(_INF), splat16(_INF), splat16(-_INF)
+    zero = np.float32(0.0)
+    while alive:
+        j = first_block(alive)
+        alive &= ~rays_of_block(j)
+        b = j * BLOCK_WORDS + LANES * k
+        inverse, start = load16(rows, INVERSE + b), load16(rows, OX + b)
+        backs = maximum(backs, select(inverse < zero, inverse, splat16(-_INF)))
+        fronts = minimum(fronts, select(inverse > zero, inverse, splat16(_INF)))
+        firsts, lasts = minimum(firsts, start), maximum(lasts, start)
+    back, front = reduce_max(backs), reduce_min(fronts)
+    return back, front, -(reduce_max(lasts) * front) - pad * front, -(reduce_min(firsts) * back) + pad * back
 
 
 @inlined
 def _axis(rows, alive, k, origin, tree_reach, turn):
     """The `PacketAxis` k of a packet; turn: TURN of the largest coordinate of the rays, the tree and x0 on any axis."""
     lows, highs, nears, fars = splat16(_INF), splat16(-_INF), splat16(_INF), splat16(-_INF)
-    backs, fronts, firsts, lasts = splat16(-_INF), splat16(_INF), splat16(_INF), splat16(-_INF)
-    sizes, zero = splat16(max(abs(origin), tree_reach[k])), np.float32(0.0)
-    while alive:
-        j = first_block(alive)
-        alive &= ~rays_of_block(j)
+    sizes, remaining = splat16(max(abs(origin), tree_reach[k])), alive
+    while remaining:
+        j = first_block(remaining)
+        remaining &= ~rays_of_block(j)
         b = j * BLOCK_WORDS + LANES * k
         inverse, start = load16(rows, INVERSE + b), load16(rows, OX + b)
         offset, sizes = (splat16(origin) - start) * inverse, maximum(sizes, absolute(start))
         lows, highs = minimum(lows, inverse), maximum(highs, inverse)
         nears, fars = minimum(nears, offset), maximum(fars, offset)
-        backs = maximum(backs, select(inverse < zero, inverse, splat16(-_INF)))
-        fronts = minimum(fronts, select(inverse > zero, inverse, splat16(_INF)))
-        firsts, lasts = minimum(firsts, start), maximum(lasts, start)
     low, high, word = reduce_min(lows), reduce_max(highs), np.int64(2 * WIDTH * k)
     pad = (reduce_max(sizes) * PAD + turn) * _TWICE
     if low < 0.0 and high > 0.0:
-        back, front = reduce_max(backs), reduce_min(fronts)
-        near, far = -(reduce_max(lasts) * front) - pad * front, -(reduce_min(firsts) * back) + pad * back
+        back, front, near, far = _mixed_axis(rows, alive, k, pad)
         return PacketAxis(origin, back, front, near, far, word, True)
     grow = pad * (-low if low < 0 else high)
     word += np.int64(WIDTH) if low < 0 else 0
@@ -191,14 +217,15 @@ def packet_of(tree, rows, alive):
         remaining &= ~rays_of_block(j)
         b = j * BLOCK_WORDS
         tmins, limits = minimum(tmins, load16(rows, TMIN + b)), maximum(limits, load16(rows, LIMIT + b))
-    f = _focus_of(rows, alive)
+    limit = reduce_max(limits)
+    f = _focus_of(rows, alive, limit)
     reach = max(f.size, largest_of(tree.reach))
     turn = reach * TURN
     x = _axis(rows, alive, 0, f.x, tree.reach, turn)
     y = _axis(rows, alive, 1, f.y, tree.reach, turn)
     z = _axis(rows, alive, 2, f.z, tree.reach, turn)
     lines = lines_of(rows, alive, (f.x, f.y, f.z), reach)
-    return RayPacket(x, y, z, reduce_min(tmins), x.mixed or y.mixed or z.mixed, lines), reduce_max(limits)
+    return RayPacket(x, y, z, reduce_min(tmins), x.mixed or y.mixed or z.mixed, lines), limit
 
 
 @inlined
@@ -313,13 +340,18 @@ def is_coherent_with(rows, first, j, tree_reach, turn, any_hit):
     for k in range(3):
         length = maximum(length, absolute(load16(rows, DX + LANES * k + b)))
     tame = (length > SMALL) & (length < LARGE) & (load16(rows, UNIT + b) < np.float32(np.inf))
-    start, stop = tame, tame if any_hit else ~tame & tame
+    start, stop = tame, tame
     for k in range(3):
         o, d = load16(rows, OX + LANES * k + b), load16(rows, DX + LANES * k + b)
         o0, d0 = get(rows, OX + LANES * k + a), get(rows, DX + LANES * k + a)
         start &= (absolute(o - o0) <= distance) & (absolute(d - d0) <= most)
+    if all_lanes(start) or not any_hit:
+        return all_lanes(start)
+    for k in range(3):
+        o, d = load16(rows, OX + LANES * k + b), load16(rows, DX + LANES * k + b)
+        o0, d0 = get(rows, OX + LANES * k + a), get(rows, DX + LANES * k + a)
         stop &= absolute(fma(d, limit, o) - (d0 * first_limit + o0)) <= distance
-    return all_lanes(start) or all_lanes(stop)
+    return all_lanes(stop)
 
 
 @inlined

@@ -71,13 +71,22 @@ def _coordinate(operand, i, k):
 
 
 @inlined
+def _distance(operand, i, j):
+    """The distance between points i and j of an operand, as the sum of its components."""
+    x = abs(_coordinate(operand, i, 0) - _coordinate(operand, j, 0))
+    y = abs(_coordinate(operand, i, 1) - _coordinate(operand, j, 1))
+    return x + y + abs(_coordinate(operand, i, 2) - _coordinate(operand, j, 2))
+
+
+@inlined
 def _apart(rays, i, j, scale):
     """The distance between two rays of a list, in its extents."""
-    origins, directions = np.float64(0.0), np.float64(0.0)
-    for k in range(3):
-        origins += abs(_coordinate(rays.origins, i, k) - _coordinate(rays.origins, j, k))
-        directions += abs(_coordinate(rays.directions, i, k) - _coordinate(rays.directions, j, k))
-    return origins * scale.origins + directions * scale.directions
+    apart = np.float64(0.0)
+    if scale.origins > 0.0:  # not for the rays of a camera
+        apart = _distance(rays.origins, i, j) * scale.origins
+    if scale.directions > 0.0:
+        apart += _distance(rays.directions, i, j) * scale.directions
+    return apart
 
 
 @inlined
@@ -95,14 +104,18 @@ def _reciprocal_extent(operand, n):
 
 @inlined
 def _width(rays, first, low, high, spacing, scale):
-    """The width, at least `low` and less than `high`, at which rays are closest to those from the `first` on."""
+    """The width, at least `low` and less than `high`, at which rays are closest to those from the `first` on.
+
+    The search begins in the middle, the width so far, so that one probe rejects most others.
+    """
+    low, high = max(low, _NARROWEST), min(high, rays.n - first - (_PROBES - 1) * spacing)
     best, width = np.float64(np.inf), np.int64(0)
-    for w in range(max(low, _NARROWEST), min(high, rays.n - first - (_PROBES - 1) * spacing)):
-        total = np.float64(0.0)
-        for probe in range(first, first + _PROBES * spacing, spacing):
+    for k in range(high - low):
+        w = (low + high) // 2 + (k // 2 if k % 2 == 0 else -(k // 2) - 1)
+        total, probe = _apart(rays, first, first + w, scale), first + spacing
+        while total < best and probe < first + _PROBES * spacing:
             total += _apart(rays, probe, probe + w, scale)
-            if total >= best:
-                break
+            probe += spacing
         if total < best:
             best, width = total, w
     return width
