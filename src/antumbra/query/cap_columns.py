@@ -8,6 +8,9 @@ boxes around pieces of caps.
 Rounding. A point's column and depth are computed in float32, from coordinates of at most M in magnitude, the largest of
 the scene's bounds. Across a line, at most two coordinates and a constant of at most 2 M are multiplied and added: with
 u = 2**-24, this takes less than 20 u M. Caps are entered with a margin of ``_MARGIN`` M = 64 u M.
+
+Around a cell of points, caps are entered with half its side more, along each axis. Then what its centre meets, or not,
+holds for the whole cell.
 """
 
 from itertools import product
@@ -49,14 +52,19 @@ def all_directions(axis: NDArray[np.floating]) -> NDArray[np.float32]:
 
 
 def cap_columns(
-    corners: NDArray[np.float32], axis: NDArray[np.floating], box: NDArray[np.float32], threads: int | None = None
+    corners: NDArray[np.float32],
+    axis: NDArray[np.floating],
+    box: NDArray[np.float32],
+    around: float = 0.0,
+    threads: int | None = None,
 ) -> CapColumns:
     """The columns of caps, (n, 3, 3).
 
     axis : (3,), the first direction
     box : (2, 3), bounds of the points and of the caps
+    around : half the side of the cells whose centres are looked up
     """
-    unknown, margin = unknown_columns(axis), max(_MARGIN * float(np.abs(box).max()), 1e-30)
+    unknown, margin = unknown_columns(axis), max(_MARGIN * float(np.abs(box).max()), 1e-30) + around
     pieces = _pieces(corners, float(np.ptp(box, axis=0).max()))
     along = unknown.directions[unknown.ends[:, 0]]
     axes = np.array([[*_across(each), each] for each in along], np.float64)
@@ -118,12 +126,13 @@ def _across(direction: NDArray[np.float32]) -> list[NDArray[np.float32]]:
 
 @inlined
 def _range(pieces, i, axis, margin):
-    """(least, greatest) coordinate of piece i along an axis, with a margin."""
+    """(least, greatest) coordinate of piece i along an axis, with a margin for each component of the axis."""
+    reach = margin * (abs(axis[0]) + abs(axis[1]) + abs(axis[2]))
     least, greatest = np.float64(np.inf), np.float64(-np.inf)
     for k in range(3):
         place = pieces[i, k, 0] * axis[0] + pieces[i, k, 1] * axis[1] + pieces[i, k, 2] * axis[2]
         least, greatest = min(least, place), max(greatest, place)
-    return least - margin, greatest + margin
+    return least - reach, greatest + reach
 
 
 @inlined
