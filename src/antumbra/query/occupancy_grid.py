@@ -1,12 +1,12 @@
-"""Occupancy grid: cells over a scene, and which of them no triangle touches.
+"""Occupancy grid: cells over a scene, as many along each axis, and which of them no triangle touches.
 
 Two points that a path of untouched cells joins lie on the same side of every surface. Where surfaces and their caps are
 closed together, rays from both cross them equally often, modulo 2, in all directions. So one ray decides for a whole
 region of cells, and most points need only a look into their cell.
 
 Rounding. A point's cell is computed in float32, from a difference and a product, which moves the point by less than
-``3 * 2**-24`` of its distance from the lower corner: less than 2**-12 cells in ``_SIDE`` cells. Triangles touch all
-cells that they reach with a margin of ``_MARGIN`` cells.
+``3 * 2**-24`` of its distance from the lower corner: less than 2**-12 cells, of at most 101 along an axis. Triangles
+touch all cells that they reach with a margin of ``_MARGIN`` cells.
 """
 
 from typing import NamedTuple
@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import STOP, items, new_ticket, run, thread_count
 
-_SIDE = 256  # most cells along an axis
 _FEWEST, _MOST = 1 << 16, 1 << 20  # cells
 _CELLS_PER_FACE = 2
 _MARGIN, _HALF = 2.0**-10, 0.5 + 2.0**-10
 _SLIVER = 2.0**-40  # of its longest edges: how far off the plane of a thin triangle may be
 _FINEST = 2.0**-14  # side of a cell, relative to the coordinates, from which on its points round into it
+_SMALLEST = 2.0**-80  # extent
 _MOST_TOUCHED = 1 << 26  # cells around all triangles, which take a tenth of a second
 _CHUNK = 256  # triangles that a thread takes at a time
 
@@ -33,42 +33,36 @@ class OccupancyGrid(NamedTuple):
     """Cells of a box, x fastest."""
 
     box: np.ndarray  # (2, 3) float32: bounds of the points that have a cell
-    scale: float  # float32: cells per unit of length
+    scale: np.ndarray  # (3,) float32: cells per unit of length; 0: there is one
     nx: int
     ny: int
     nz: int
     cells: np.ndarray  # (nx * ny * nz,) uint8: FREE, TOUCHED, or what the owner writes
 
     @property
-    def side(self) -> float:
-        """The side of a cell."""
-        return 1.0 / self.scale
+    def sides(self) -> NDArray[np.float64]:
+        """(3,): the sides of a cell."""
+        extent = np.subtract(*self.box[::-1].astype(np.float64))
+        return np.divide(1.0, self.scale.astype(np.float64), out=extent, where=self.scale > 0.0)
 
     def centres(self, cells: NDArray[np.integer]) -> NDArray[np.float32]:
         """(m, 3) float32: the centres of cells, (m,) int."""
         x, rows = cells % self.nx, cells // self.nx
         steps = np.stack([x, rows % self.ny, rows // self.ny], axis=1) + 0.5
-        return (self.box[0].astype(np.float64) + steps * self.side).astype(np.float32)
+        return (self.box[0].astype(np.float64) + steps * self.sides).astype(np.float32)
 
 
 def occupancy_grid(box: NDArray[np.float32], n_faces: int) -> OccupancyGrid | None:
-    """A grid of free cells over a box, (2, 3), for a number of faces; None if float32 is too coarse for its cells."""
-    extent = np.subtract(*box[::-1].astype(np.float64))
-    wanted = min(max(_CELLS_PER_FACE * n_faces, _FEWEST), _MOST)
-    low, high = extent.max() / _SIDE, extent.max()
-    for _ in range(24):  # bisect the side of a cell
-        side = (low + high) / 2.0
-        low, high = (low, side) if _sizes(extent, side).prod() < wanted else (side, high)
-    if not (high > _FINEST * float(np.abs(box).max()) and 2.0**-100 < high < 2.0**100):
+    """A grid of free cells over a box, (2, 3), for a number of faces. None if float32 is too coarse for it."""
+    extent, farthest = np.subtract(*box[::-1].astype(np.float64)), np.abs(box).max(axis=0)
+    n = round(min(max(_CELLS_PER_FACE * n_faces, _FEWEST), _MOST) ** (1 / 3))
+    fits = (extent > n * _FINEST * farthest) & (extent > _SMALLEST) & (extent < 1.0 / _SMALLEST)
+    if not fits.any():
         return None
-    scale = np.float32(1.0 / high)
-    nx, ny, nz = (int(n) for n in _sizes(extent, 1.0 / float(scale)))
-    return OccupancyGrid(box, float(scale), nx, ny, nz, np.full(nx * ny * nz, FREE, np.uint8))
-
-
-def _sizes(extent: NDArray[np.float64], side: float) -> NDArray[np.float64]:
-    """(3,): the numbers of cells."""
-    return np.floor(extent / side) + 1.0 if side > 0.0 else np.full(3, np.inf)
+    # the last cell ends beyond the box
+    scale = np.where(fits, (n - 2.0**-6) / np.where(fits, extent, 1.0), 0.0).astype(np.float32)
+    nx, ny, nz = (n if each else 1 for each in fits.tolist())
+    return OccupancyGrid(box, scale, nx, ny, nz, np.full(nx * ny * nz, FREE, np.uint8))
 
 
 # --- Touched cells ----------------------------------------------------------------------------------------------------
@@ -90,19 +84,20 @@ def _range_of(corners, i, k, grid):
     n = grid.nx if k == 0 else grid.ny if k == 1 else grid.nz
     low = np.float64(grid.box[0, k])
     a, b, c = np.float64(corners[i, 0, k]), np.float64(corners[i, 1, k]), np.float64(corners[i, 2, k])
-    least, greatest = (min(a, b, c) - low) * grid.scale, (max(a, b, c) - low) * grid.scale
+    scale = np.float64(grid.scale[k])
+    least, greatest = (min(a, b, c) - low) * scale, (max(a, b, c) - low) * scale
     return max(np.int64(least - _MARGIN), 0), min(np.int64(greatest + _MARGIN), n - 1)
 
 
 @inlined
 def _plane_of(corners, i, grid):
     """The `_Plane` of triangle i, relative to the lower corner of the grid."""
-    s, o = grid.scale, grid.box
+    lower, sx, sy, sz = grid.box, np.float64(grid.scale[0]), np.float64(grid.scale[1]), np.float64(grid.scale[2])
     ax, ay, az = np.float64(corners[i, 0, 0]), np.float64(corners[i, 0, 1]), np.float64(corners[i, 0, 2])
-    bx, by, bz = (corners[i, 1, 0] - ax) * s, (corners[i, 1, 1] - ay) * s, (corners[i, 1, 2] - az) * s
-    cx, cy, cz = (corners[i, 2, 0] - ax) * s, (corners[i, 2, 1] - ay) * s, (corners[i, 2, 2] - az) * s
+    bx, by, bz = (corners[i, 1, 0] - ax) * sx, (corners[i, 1, 1] - ay) * sy, (corners[i, 1, 2] - az) * sz
+    cx, cy, cz = (corners[i, 2, 0] - ax) * sx, (corners[i, 2, 1] - ay) * sy, (corners[i, 2, 2] - az) * sz
     x, y, z = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
-    height = (x * (ax - o[0, 0]) + y * (ay - o[0, 1]) + z * (az - o[0, 2])) * s
+    height = x * (ax - lower[0, 0]) * sx + y * (ay - lower[0, 1]) * sy + z * (az - lower[0, 2]) * sz
     longest = (abs(bx) + abs(by) + abs(bz)) * (abs(cx) + abs(cy) + abs(cz))
     return _Plane(x, y, z, height, _HALF * (abs(x) + abs(y) + abs(z)) + _SLIVER * longest)
 

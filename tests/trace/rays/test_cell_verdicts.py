@@ -33,7 +33,7 @@ def hostile(scene, grid, rng):
     lower, upper = scene.bounds
     soup = scene.triangles().vertices
     steps = rng.integers(0, [grid.nx + 1, grid.ny + 1, grid.nz + 1], (1500, 3))
-    borders = (grid.box[0].astype(float) + steps * grid.side).astype(np.float32)
+    borders = (grid.box[0].astype(float) + steps * grid.sides).astype(np.float32)
     faces = soup[rng.integers(len(soup), size=500)]
     on_faces = (rng.dirichlet((1, 1, 1), 500)[:, :, None] * faces).sum(1).astype(np.float32)
     near = np.concatenate([borders, on_faces, soup.reshape(-1, 3)[::7], grid.box])

@@ -36,20 +36,21 @@ _AROUND = 0.51  # half a cell, and what rounding may move a point beyond it
 
 
 @kernel
-def _decide_cells(ticket, grid, regions, odd, columns):
+def _decide_cells(ticket, grid, sides, regions, odd, columns):
     """Worker: write the verdict on all points of each free cell, or KNOWN."""
-    # In: regions (n,) int32, odd (n,) uint8, by first cell of a region, columns. Out: grid (`OccupancyGrid`)
+    # In: sides (3,) float64, of cells, regions (n,) int32, odd (n,) uint8, by first cell of a region, columns.
+    # Out: grid (`OccupancyGrid`)
     rows, clear = stack_f32(_ROWS), stack_i64(ALL)
-    side, origin = 1.0 / np.float64(grid.scale), grid.box
+    lower = grid.box
     for b in items(ticket):
         first = b * _RAYS
         last = min(first + _RAYS, len(grid.cells))
         for cell in range(first, last):
             i, x, row = cell - first, cell % grid.nx, cell // grid.nx
             at = i // LANES * BLOCK_WORDS + OX + i % LANES
-            put(rows, at, np.float32(origin[0, 0] + (x + 0.5) * side))
-            put(rows, at + LANES, np.float32(origin[0, 1] + (row % grid.ny + 0.5) * side))
-            put(rows, at + 2 * LANES, np.float32(origin[0, 2] + (row // grid.ny + 0.5) * side))
+            put(rows, at, np.float32(lower[0, 0] + (x + 0.5) * sides[0]))
+            put(rows, at + LANES, np.float32(lower[0, 1] + (row % grid.ny + 0.5) * sides[1]))
+            put(rows, at + 2 * LANES, np.float32(lower[0, 2] + (row // grid.ny + 0.5) * sides[2]))
         find_clear(rows, columns, clear)
         for cell in range(first, last):
             if regions[cell] >= 0:
@@ -64,11 +65,12 @@ def _decide_cells(ticket, grid, regions, odd, columns):
 @inlined
 def _cells_of(rows, grid):
     """The numbers of the cells, 16 int32, of the points of a block; those nearest to points beyond the box."""
-    number, scale, zero = splat16(np.int32(0)), splat16(np.float32(grid.scale)), splat16(np.float32(0.0))
+    number, zero = splat16(np.int32(0)), splat16(np.float32(0.0))
     for k in range(3):
         axis = 2 - k
         n = grid.nz if axis == 2 else grid.ny if axis == 1 else grid.nx
-        place, most = (load16(rows, OX + LANES * axis) - grid.box[0, axis]) * scale, splat16(np.float32(n - 1))
+        place = (load16(rows, OX + LANES * axis) - grid.box[0, axis]) * grid.scale[axis]
+        most = splat16(np.float32(n - 1))
         place = select(place >= zero, place, zero)  # false for NaN
         number = number * np.int32(n) + to_i32(select(place <= most, place, most))
     return number
@@ -148,7 +150,7 @@ class CellVerdicts:
 
     def _made_grid(self, time: float, threads: int) -> OccupancyGrid | None:
         grid, caps = occupancy_grid(self._box, len(self._corners)), self._caps
-        columns = None if caps is None else caps.make_columns(0.0 if grid is None else _AROUND * grid.side, threads)
+        columns = None if caps is None else caps.make_columns(0.0 if grid is None else _AROUND * grid.sides, threads)
         if grid is None or not touch(grid, self._corners, threads):
             return None
         if caps is not None and not touch(grid, caps.corners, threads):
@@ -162,7 +164,7 @@ class CellVerdicts:
             grid.cells[free] = odd[regions[free]]
         else:
             ticket = new_ticket(-(-len(regions) // _RAYS), _CELLS)
-            run(_decide_cells, thread_count(threads), ticket, grid, regions, odd, columns)
+            run(_decide_cells, thread_count(threads), ticket, grid, grid.sides, regions, odd, columns)
         return grid
 
     def _parities(self, points: NDArray[np.float32], time: float, threads: int) -> NDArray[np.int64]:

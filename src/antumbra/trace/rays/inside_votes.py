@@ -328,10 +328,10 @@ class Caps:
         self.tracer, self.corners, self._along, self._box = tracer, corners, along, box
         self._columns = unknown_columns(along)
 
-    def make_columns(self, around: float, threads: int | None) -> CapColumns:
+    def make_columns(self, around: float | NDArray[np.float64], threads: int | None) -> CapColumns:
         """Make the columns, for points around the centres of cells; until then, caps may be anywhere.
 
-        around : half the side of the cells
+        around : half the sides of the cells, (3,), or one number
         """
         self._columns = cap_columns(self.corners, self._along, self._box, around, threads)
         return self._columns
