@@ -49,7 +49,7 @@ class OccupancyGrid(NamedTuple):
         """(m, 3) float32: the centres of cells, (m,) int."""
         x, rows = cells % self.nx, cells // self.nx
         steps = np.stack([x, rows % self.ny, rows // self.ny], axis=1) + 0.5
-        return (self.box[0].astype(np.float64) + steps * self.sides).astype(np.float32)
+        return np.asarray(self.box[0].astype(np.float64) + steps * self.sides, np.float32)
 
 
 def occupancy_grid(box: NDArray[np.float32], n_faces: int) -> OccupancyGrid | None:
