@@ -118,7 +118,7 @@ def _add_span(sink, i, slot, near, far):
 def _add_point(sink, tree, block, i, slot, bounds):
     """Count a hit of ray i, in `block`, by the rule POINTS, unless another one has the same t. Not inlined: it is rare.
 
-    sink, tree : of the walk
+    sink, tree, slot : of the walk, and the slot of the triangle
     bounds : (near, far) float32, of its t
     """
     equal, n = _overlaps(sink, i, bounds[0], bounds[1]), np.int64(get(sink.counts, i))
