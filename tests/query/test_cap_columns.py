@@ -72,3 +72,26 @@ def test_most_rays_above_small_caps_are_clear_and_those_that_cross_one_never():
     assert not (clear & crossed).any() and crossed.any()
     assert clear[:, columns.directions[:, 2] >= 0].mean() > 0.95
     assert 0.1 < clear[:, columns.directions[:, 2] < 0].mean() < 0.9  # half of the ground is below the large one
+
+
+def test_columns_of_too_many_large_caps_say_nothing():
+    corners = np.random.default_rng(0).integers(0, 2, (5000, 3, 3)).astype(np.float32)
+    columns = cap_columns(corners, np.eye(3)[0], np.float32([[0] * 3, [1] * 3]))
+    unknown = (columns.depths == (-np.inf, np.inf)).all(axis=(1, 2, 3))
+    assert unknown.sum() >= 3
+    clear = is_clear(columns, np.float32([[0.5] * 3, [-3.0] * 3, [9.0] * 3]))
+    assert not clear[:, columns.ends[unknown].reshape(-1)].any()
+
+
+@pytest.mark.parametrize("around", [0.25, 2.0])
+def test_columns_around_cells_hold_for_all_their_points(around):
+    rng = np.random.default_rng(1)
+    caps = rng.uniform(-4, 4, (3, 1, 3)) + rng.uniform(-1, 1, (3, 3, 3))
+    columns = cap_columns(caps.astype(np.float32), np.eye(3)[1], np.float32([[-9] * 3, [9] * 3]), around)
+    centres = rng.uniform(-9, 9, (300, 3)).astype(np.float32)
+    clear = is_clear(columns, centres)
+    assert 0.3 < clear.mean() < 0.995
+    for shift in rng.uniform(-around, around, (4, 3)):
+        points = (centres + shift).astype(np.float32)
+        for k, direction in enumerate(columns.directions):
+            assert not crossings(caps, points, direction)[clear[:, k]].any()

@@ -3,7 +3,8 @@
 With closed surfaces, one ray decides, exactly. With open edges, rays disagree: those through a hole cross one surface
 less. Points outside the scene's bounds are then outside, and others are inside if most rays along the axes and space
 diagonals cross surfaces an odd number of times. Opposite rays from a point beside an open sheet never both cross it, so
-sheets contain nothing. Of scenes in memory, all rays but the first are traced through caps (`trace.rays.inside_votes`).
+sheets contain nothing. Of scenes in memory, all rays but the first are traced through caps (`trace.rays.inside_votes`),
+and once many points have come, most need only a look into their cell (`trace.rays.cell_verdicts`).
 """
 
 import numpy as np
@@ -13,19 +14,33 @@ from ..base.wording import counted
 from ..query.cap_columns import AXES, all_directions
 from ..query.ray_list import RayArguments
 from ..trace.rays.all_hits import ON_SURFACE
-from ..trace.rays.inside_votes import MOST, ON_CAP, UNDECIDED, WITHIN, Caps, Election
-from .sources.cutout_hits import of_valid
+from ..trace.rays.inside_votes import MOST, ON_CAP, WITHIN, Caps, Election
 from .sources.source_protocols import Bodies
 
 _FEW = 64  # points whose rays are traced by one call
-_MANY = 1 << 15  # points of which those that columns leave undecided are collected, before their rays are traced
+_THREADS_PAY = 1 << 11  # points whose cells do not decide, from which on several threads trace their rays
 
 _NOTE = "contains: "
 
 
 def inside_of(bodies: Bodies, rays: RayArguments, threads: int) -> NDArray[np.bool_]:
     """(n,) bool: whether the origins of rays along an axis are inside bodies, or on a surface."""
-    counts = bodies.crossings(rays, threads)
+    found = None if bodies.cells is None else bodies.cells.of(rays, threads)
+    if found is None:
+        return _by_rays(bodies, rays, bodies.crossings(rays, threads), threads)
+    if len(found.places):
+        along, unknown = _direction(rays), found.unknown
+        threads = threads if len(found.places) >= _THREADS_PAY else 1
+        crossings = np.empty(len(found.places), np.int64)
+        crossings[unknown:] = found.known
+        crossings[unknown:] -= 2
+        crossings[:unknown] = bodies.crossings(_rays_from(found.points[:unknown], along, rays.time), threads)
+        found.inside[found.places] = _by_rays(bodies, _rays_from(found.points, along, rays.time), crossings, threads)
+    return found.inside
+
+
+def _by_rays(bodies: Bodies, rays: RayArguments, counts: NDArray[np.int64], threads: int) -> NDArray[np.bool_]:
+    """`inside_of`, by the crossings of the rays; or of scenes with caps, as in an `Election`."""
     if bodies.open_edges == 0:
         return np.asarray((counts & 1 != 0) | (counts >= ON_SURFACE))
     if bodies.caps is not None:
@@ -50,23 +65,17 @@ def _by_caps(
     bodies: Bodies, caps: Caps, rays: RayArguments, crossings: NDArray[np.int64], threads: int
 ) -> NDArray[np.bool_]:
     """`inside_of` by the votes of rays through caps."""
-    few = rays.n < _MANY
-    verdicts = of_valid(rays, caps.verdicts(rays, Election(crossings, bodies.box), few, threads))
-    if not few and len(undecided := np.flatnonzero(verdicts == UNDECIDED)):
-        some = _some_of(rays, undecided)
-        others = caps.verdicts(some, Election(crossings[undecided], bodies.box), True, threads)
-        verdicts[undecided] = of_valid(some, others)
+    verdicts = caps.verdicts(rays, Election(crossings, bodies.box), threads)
     inside = verdicts == WITHIN
     if len(undecided := np.flatnonzero(verdicts == ON_CAP)):
-        points, first = _some_of(rays, undecided).origins, crossings[undecided] & 1 != 0
+        points, first = rays.arrays().part(undecided).local()[0], crossings[undecided] & 1 != 0
         inside[undecided] = _by_votes(bodies, points, _direction(rays), first, threads)
     return np.asarray(inside)
 
 
-def _some_of(rays: RayArguments, index: NDArray[np.intp]) -> RayArguments:
-    """Some of the rays along one direction, with origins in the frame."""
-    origins, frame = rays.arrays().part(index).local()[0], (0.0, 0.0, 0.0)
-    return RayArguments(origins, _direction(rays), 0.0, np.inf, -1.0, (len(index),), 0, False, frame, rays.time)
+def _rays_from(points: NDArray[np.float32], along: NDArray[np.float32], time: float) -> RayArguments:
+    """Rays from points in the frame, (m, 3), along one direction, (3,)."""
+    return RayArguments(points, along, 0.0, np.inf, -1.0, (len(points),), 0, False, (0.0, 0.0, 0.0), time)
 
 
 def _by_votes(
@@ -80,9 +89,7 @@ def _by_votes(
     """
 
     def is_odd(origins: NDArray[np.float32], along: NDArray[np.float32]) -> NDArray[np.bool_]:
-        frame = (0.0, 0.0, 0.0)
-        rays = RayArguments(origins, along, 0.0, np.inf, -1.0, (len(origins),), 0, False, frame, bodies.time)
-        return (bodies.crossings(rays, threads) & 1).astype(np.bool_)
+        return (bodies.crossings(_rays_from(origins, along, bodies.time), threads) & 1).astype(np.bool_)
 
     others = all_directions(axis)[1:]
     axes, diagonals = others[: AXES - 1], others[AXES - 1 :]

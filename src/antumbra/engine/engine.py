@@ -272,13 +272,15 @@ class Engine(RayQueries):
         rays = rays_of(origins, directions, hits, self._frame, self._n_faces, targets, self._moment(time))
         return self.source.ray_lists.count_hits(rays, rule, self._count(threads)).reshape(rays.shape)
 
-    def _count_points(self, rays: ArrayLike, threads: int | None = None) -> NDArray[np.int64]:
-        """(n,) int64: the number of hits of rays, (n, 6), or -1 where several may be at one point.
+    def _count_points(self, rays: ArrayLike, apart: bool = False, threads: int | None = None) -> NDArray[np.int64]:
+        """(n,) int64: at how many t rays, (n, 6), hit something; -1: unknown.
 
         Only for scenes in memory; errors as for `occluded`.
+
+        apart : whether hits at one t may count several times, so that their number is unknown
         """
         arguments = rays_of(rays, None, HitFilter(0.0, np.inf), self._frame, self._n_faces, None, self._moment(0.0))
-        return cast(RayLists, self.source.ray_lists).count_points(arguments, self._count(threads))
+        return cast(RayLists, self.source.ray_lists).count_points(arguments, apart, self._count(threads))
 
     def segment_hits(
         self,

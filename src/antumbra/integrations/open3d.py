@@ -109,8 +109,8 @@ class RaycastingScene:
     def count_intersections(self, rays: ArrayLike, nthreads: int = 0) -> Any:
         """(...) int32: how many hits `list_intersections` has for each of the rays, (..., 6) float."""
         scene, threads, rays = self._committed(), _threads(nthreads), _rows(rays, "rays", 6)
-        flat = rays.reshape(-1, 6)
-        counts = self._of_rays(lambda valid: scene.engine._count_points(valid, threads), flat)
+        flat, apart = rays.reshape(-1, 6), len(self._counts) > 1
+        counts = self._of_rays(lambda valid: scene.engine._count_points(valid, apart, threads), flat)
         if len(unclear := np.flatnonzero(counts < 0)):
             hits, distinct = self._hits(flat[unclear], nthreads)
             ray = hits.ray if distinct is None else hits.ray[distinct]
@@ -147,9 +147,11 @@ class RaycastingScene:
         again = hits.t[1:] == hits.t[:-1]  # hits at one point have the same t
         if not again.any():
             return hits, None
-        ray, geometry = hits.ray, self._ids(hits.face)["geometry_ids"]
+        ray = hits.ray
         again &= ray[1:] == ray[:-1]
-        points = np.append(0, np.cumsum(~again))
+        if len(self._counts) == 1:
+            return hits, np.flatnonzero(np.append(True, ~again))
+        points, geometry = np.append(0, np.cumsum(~again)), self._ids(hits.face)["geometry_ids"]
         keys = points * (np.int64(len(self._counts)) + 1) + geometry
         return hits, np.sort(np.unique(keys, return_index=True)[1])
 

@@ -38,7 +38,6 @@ from ..engine.sources.source_protocols import CameraView, FrameMemory
 from ..engine.sources.terrain_shadows import TerrainPyramid
 from ..engine.store_building import build_store
 from ..kernels.parallel import new_ticket
-from ..query.cap_columns import cap_columns
 from ..query.light_samples import light_samples
 from ..query.ray_list import hit_arrays, rays_of
 from ..query.receivers import Receivers
@@ -95,9 +94,10 @@ def _all_hits() -> None:
 
 
 def _contains() -> None:
-    """Includes the columns of caps, which are made after thousands of points."""
-    Scene.of_data(small_scene()).contains(np.zeros((2, 3)), threads=1)
-    cap_columns(np.eye(3, dtype=np.float32)[None], np.eye(3)[0], np.array([[0.0] * 3, [1.0] * 3], np.float32), 1)
+    """Includes the grid of cells, and the columns of caps, which are made after thousands of points."""
+    for seed in range(2):
+        points = np.random.default_rng(seed).uniform(-1.0, 1.0, (10_000 * seed + 2, 3))
+        Scene.of_data(small_scene()).contains(points, threads=1)
 
 
 def _closest_points() -> None:

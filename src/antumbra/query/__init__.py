@@ -12,5 +12,6 @@
 - `rasteriser`: `rasterise`, tile by tile
 - `surface_caps`: triangles that close open surfaces
 - `cap_columns`: where rays along axes and diagonals miss all caps
+- `occupancy_grid`: cells that no triangle touches, and their regions
 - `pixel_refinement`: pixels at silhouettes and in penumbrae, and their sub-pixels
 """

@@ -8,6 +8,9 @@ boxes around pieces of caps.
 Rounding. A point's column and depth are computed in float32, from coordinates of at most M in magnitude, the largest of
 the scene's bounds. Across a line, at most two coordinates and a constant of at most 2 M are multiplied and added: with
 u = 2**-24, this takes less than 20 u M. Caps are entered with a margin of ``_MARGIN`` M = 64 u M.
+
+Around a cell of points, caps are entered with half its side more, along each axis. Then what its centre meets, or not,
+holds for the whole cell.
 """
 
 from itertools import product
@@ -49,21 +52,27 @@ def all_directions(axis: NDArray[np.floating]) -> NDArray[np.float32]:
 
 
 def cap_columns(
-    corners: NDArray[np.float32], axis: NDArray[np.floating], box: NDArray[np.float32], threads: int | None = None
+    corners: NDArray[np.float32],
+    axis: NDArray[np.floating],
+    box: NDArray[np.float32],
+    around: float | NDArray[np.float64] = 0.0,
+    threads: int | None = None,
 ) -> CapColumns:
     """The columns of caps, (n, 3, 3).
 
     axis : (3,), the first direction
     box : (2, 3), bounds of the points and of the caps
+    around : half the sides of the cells whose centres are looked up, (3,), or one number
     """
-    unknown, margin = unknown_columns(axis), max(_MARGIN * float(np.abs(box).max()), 1e-30)
+    unknown = unknown_columns(axis)
+    margins = np.full(3, max(_MARGIN * float(np.abs(box).max()), 1e-30)) + around
     pieces = _pieces(corners, float(np.ptp(box, axis=0).max()))
     along = unknown.directions[unknown.ends[:, 0]]
     axes = np.array([[*_across(each), each] for each in along], np.float64)
     columns = unknown._replace(
         frames=np.empty((LINES, 3, 3), np.float32), depths=np.empty((LINES, SIDE, SIDE, 2), np.float32)
     )
-    run(_enter_pieces, thread_count(threads), new_ticket(LINES, 1), pieces, axes, margin, columns)
+    run(_enter_pieces, thread_count(threads), new_ticket(LINES, 1), pieces, axes, margins, columns)
     return columns
 
 
@@ -117,29 +126,30 @@ def _across(direction: NDArray[np.float32]) -> list[NDArray[np.float32]]:
 
 
 @inlined
-def _range(pieces, i, axis, margin):
-    """(least, greatest) coordinate of piece i along an axis, with a margin."""
+def _range(pieces, i, axis, margins):
+    """(least, greatest) coordinate of piece i along an axis, with a margin for each component of the axis."""
+    reach = abs(axis[0]) * margins[0] + abs(axis[1]) * margins[1] + abs(axis[2]) * margins[2]
     least, greatest = np.float64(np.inf), np.float64(-np.inf)
     for k in range(3):
         place = pieces[i, k, 0] * axis[0] + pieces[i, k, 1] * axis[1] + pieces[i, k, 2] * axis[2]
         least, greatest = min(least, place), max(greatest, place)
-    return least - margin, greatest + margin
+    return least - reach, greatest + reach
 
 
 @inlined
-def _scale_of(pieces, axis, margin):
+def _scale_of(pieces, axis, margins):
     """(least coordinate of all pieces along an axis, columns per unit of length)."""
     least, greatest = np.float64(np.inf), np.float64(-np.inf)
     for i in range(len(pieces)):
-        low, high = _range(pieces, i, axis, margin)
+        low, high = _range(pieces, i, axis, margins)
         least, greatest = min(least, low), max(greatest, high)
     return least, (SIDE - 2) / (greatest - least)
 
 
 @inlined
-def _columns_of(pieces, i, axis, margin, scale):
+def _columns_of(pieces, i, axis, margins, scale):
     """(first, last) column of piece i across an axis; scale: from `_scale_of`."""
-    low, high = _range(pieces, i, axis, margin)
+    low, high = _range(pieces, i, axis, margins)
     first, last = np.int64(1.0 + (low - scale[0]) * scale[1]), np.int64(1.0 + (high - scale[0]) * scale[1])
     return max(first, 1), min(last, SIDE - 2)
 
@@ -153,13 +163,13 @@ def _fill(depths, least, greatest):
 
 
 @kernel
-def _enter_pieces(ticket, pieces, axes, margin, out):
+def _enter_pieces(ticket, pieces, axes, margins, out):
     """Worker: fill the columns of a line. If too many are entered, caps may be anywhere in all of them."""
-    # In: pieces (n, 3, 3) float64, axes (LINES, 3, 3) float64, margin (float). Out: out (`CapColumns`)
+    # In: pieces (n, 3, 3) float64, axes (LINES, 3, 3) float64, margins (3,) float64. Out: out (`CapColumns`)
     nothing = np.float32(np.inf)
     for line in items(ticket):
         axis, depths, entered = axes[line], out.depths[line], 0
-        across = _scale_of(pieces, axis[0], margin), _scale_of(pieces, axis[1], margin)
+        across = _scale_of(pieces, axis[0], margins), _scale_of(pieces, axis[1], margins)
         for k in range(3):
             out.frames[line, 0, k], out.frames[line, 1, k] = axis[0, k] * across[0][1], axis[1, k] * across[1][1]
             out.frames[line, 2, k] = axis[2, k]
@@ -167,9 +177,9 @@ def _enter_pieces(ticket, pieces, axes, margin, out):
         out.starts[line, 1] = 1.0 - across[1][0] * across[1][1]
         _fill(depths, nothing, -nothing)
         for i in range(len(pieces)):
-            u0, u1 = _columns_of(pieces, i, axis[0], margin, across[0])
-            v0, v1 = _columns_of(pieces, i, axis[1], margin, across[1])
-            low, high = _range(pieces, i, axis[2], margin)
+            u0, u1 = _columns_of(pieces, i, axis[0], margins, across[0])
+            v0, v1 = _columns_of(pieces, i, axis[1], margins, across[1])
+            low, high = _range(pieces, i, axis[2], margins)
             least, greatest = np.float32(low), np.float32(high)
             entered += (u1 - u0 + 1) * (v1 - v0 + 1)
             for u in range(u0, u1 + 1):

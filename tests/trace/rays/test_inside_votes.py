@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 import antumbra as at
 from antumbra.query.ray_list import rays_of
 from antumbra.scene.triangles import HitFilter
-from antumbra.trace.rays import inside_votes
-from antumbra.trace.rays.inside_votes import ALL, AXES, MOST, ON_CAP, OUTSIDE, UNDECIDED, WITHIN, Election
+from antumbra.trace.rays import cell_verdicts
+from antumbra.trace.rays.inside_votes import ALL, AXES, MOST, ON_CAP, OUTSIDE, WITHIN, Election
 from support.strength import examples
 
 DIRECTIONS = np.array([*np.eye(3), *-np.eye(3), *product((-1.0, 1.0), repeat=3)])
@@ -22,13 +22,12 @@ BOX = UNIT_BOX[
 ]  # fmt: skip
 
 
-@pytest.fixture(autouse=True, scope="module", params=[0, 1 << 60], ids=["columns", "no columns"])
-def columns_pay(request):
-    """From how many points on there are columns."""
-    before = inside_votes._COLUMNS_PAY, inside_votes._CAPS_PAY
-    inside_votes._COLUMNS_PAY, inside_votes._CAPS_PAY = request.param, 0
+@pytest.fixture(autouse=True, scope="module", params=[1, 1 << 60], ids=["cells", "no cells"])
+def grid_pays(request):
+    """From how many points on there are a grid of cells and columns of caps."""
+    before, cell_verdicts._GRID_PAYS = cell_verdicts._GRID_PAYS, request.param
     yield
-    inside_votes._COLUMNS_PAY, inside_votes._CAPS_PAY = before
+    cell_verdicts._GRID_PAYS = before
 
 
 def most_of_fourteen(scene, points):
@@ -79,8 +78,7 @@ def test_points_on_caps_are_marked():
     )
     rays = rays_up(scene, points)
     election = Election(bodies.crossings(rays, 1), bodies.box)
-    assert bodies.caps.verdicts(rays, election, True).tolist() == [ON_CAP, WITHIN, OUTSIDE]
-    assert bodies.caps.verdicts(rays, election, False)[[0, 2]].tolist() == [UNDECIDED, OUTSIDE]
+    assert bodies.caps.verdicts(rays, election).tolist() == [ON_CAP, WITHIN, OUTSIDE]
     np.testing.assert_array_equal(scene.contains(points), most_of_fourteen(scene, points.astype(float)))
 
 

@@ -27,6 +27,7 @@ from ...scene.triangles import AllHits, ClosestPoints, Triangles
 from ...trace.alpha_cutouts import CutoutTree
 from ...trace.closest_points import closer_of, closest_points
 from ...trace.rays.all_hits import (
+    APART,
     INSIDE,
     POINTS,
     UNCLEAR,
@@ -36,6 +37,7 @@ from ...trace.rays.all_hits import (
     merge_triangles,
     unsigned,
 )
+from ...trace.rays.cell_verdicts import CellVerdicts
 from ...trace.rays.inside_votes import Caps
 from ...trace.rays.ray_batches import RayTracer
 from ..accelerator import Accelerated, Accelerator, SceneTrees
@@ -140,13 +142,16 @@ class RayLists:
         cutouts = ready.accelerated.cutouts
         if cutouts is None:
             return counts
-        if rule == POINTS:
+        if rule in (POINTS, APART):
             return np.full(rays.n, UNCLEAR)
         return counts + self._hits_of(cutouts).count_hits(rays, rule, threads)
 
-    def count_points(self, rays: RayArguments, threads: int) -> NDArray[np.int64]:
-        """(n,) int64: the number of hits of each ray; -1 where two may have the same t, which takes `all_hits`."""
-        counts = self.count_hits(rays, POINTS, threads)
+    def count_points(self, rays: RayArguments, apart: bool, threads: int) -> NDArray[np.int64]:
+        """(n,) int64: the number of distinct t of each ray's hits; -1: unknown, which takes `all_hits`.
+
+        apart : whether it is unknown where two may be equal
+        """
+        counts = self.count_hits(rays, APART if apart else POINTS, threads)
         counts[counts >= UNCLEAR] = -1
         return counts
 
@@ -179,7 +184,10 @@ class RayLists:
                 above = corners.reshape(-1, 3).mean(axis=0) @ axis > box.mean(axis=0) @ axis
                 away = -axis if above else axis
                 bodies = bodies._replace(along=away, caps=self._caps_of(corners, triangles.origin, away, box))
-        return bodies
+        if open_edges and bodies.caps is None:
+            return bodies
+        along = axis if bodies.along is None else bodies.along
+        return bodies._replace(cells=CellVerdicts(vertices, box, bodies.crossings, along, bodies.caps))
 
     def _caps_of(
         self,

@@ -29,6 +29,7 @@ from ...scene.camera import Camera
 from ...scene.lights import Light
 from ...scene.scene_data import SceneData
 from ...scene.triangles import AllHits, ClosestPoints, Triangles
+from ...trace.rays.cell_verdicts import CellVerdicts
 from ...trace.rays.inside_votes import Caps
 from ...trace.transmission import TracedQuery
 from ..accelerator import Accelerated, Accelerator, SceneTrees
@@ -60,6 +61,7 @@ class Bodies(NamedTuple):
     time: float  # seconds: that of the rays
     along: NDArray[np.float64] | None = None  # (3,) the axis along which rays are fastest; None: upwards
     caps: Caps | None = None  # that close the surfaces; None: rays through the surfaces vote
+    cells: CellVerdicts | None = None  # that decide about most points; None: rays do
 
 
 class TreeHits(HitSource, Protocol):

@@ -11,6 +11,7 @@
 - `hit_reports`: t and weights of hits, sixteen at a time
 - `all_hits`: all hits of ray arrays, or their number
 - `inside_votes`: whether points are inside open surfaces, by rays through their caps
+- `cell_verdicts`: whether points are inside surfaces, by the cells of an occupancy grid
 - `instance_traversal`: one ray through instances
 - `instance_batches`: ray lists through instances, interleaved
 - `instance_rays`: all hits and shadow queries of instances

@@ -14,7 +14,8 @@ Order. Hits are sorted as `kernels.exact.filters.precedes` states, so the first 
 Rules. TRIANGLES counts every triangle that a ray meets, so a ray through a common edge counts two. SURFACES displaces
 rays infinitesimally (`kernels.exact.surface_crossing`), so it counts one. A hit that float32 decides lies inside its
 triangle, so only undecided tests need the second rule. INSIDE is SURFACES for a ray from a point, and also marks points
-that are on a triangle. POINTS counts TRIANGLES, and marks rays of which two hits may have the same t.
+that are on a triangle. POINTS counts all triangles that a ray meets at one t once. It stores bounds of the t of a ray's
+hits, and computes t only where they overlap. APART instead marks rays with such hits, some of which may count.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...bvh.nodes import WIDTH, wide_tree_of
-from ...kernels.exact.filters import precedes
+from ...kernels.exact.filters import precedes, rounded_t
 from ...kernels.exact.predicate import exact_touches
 from ...kernels.exact.surface_crossing import crosses_surface
 from ...kernels.jit import F32Ptr, I32Ptr, I64Ptr, inlined, kernel, overload
@@ -65,18 +66,20 @@ from .wide_traversal import (
     without_skipped,
 )
 
-TRIANGLES, SURFACES, INSIDE, POINTS = range(4)
+TRIANGLES, SURFACES, INSIDE, POINTS, APART = range(5)
 """Rules of counting, see above."""
 
 ON_SURFACE = 1 << 30
 """Added to a count by INSIDE for each triangle that the ray's origin is on."""
 
 UNCLEAR = 1 << 30
-"""In a count by POINTS: the ray has an undecided test, many hits, or two whose t may be equal."""
+"""In a count by POINTS or APART: the ray has more than 16 hits, or by APART, two whose t may be equal."""
 
 _RAYS = BLOCKS * LANES
 _SPAN_WORDS = 2 * LANES  # a ray's `near` and `far` of at most 16 hits
 _SPANS = _RAYS * _SPAN_WORDS
+_SLOTS = _RAYS * LANES
+_BELOW, _ABOVE, _TINY = 1.0 - 2.0**-20, 1.0 + 2.0**-20, 2.0**-148  # which give float32 bounds of a t
 _ROWS, _PRECISE = BLOCKS * BLOCK_WORDS, BLOCKS * PRECISE_WORDS
 
 # --- Hits of a batch --------------------------------------------------------------------------------------------------
@@ -88,27 +91,65 @@ class HitSink(NamedTuple):
     counts: I32Ptr  # int32 *, 64: number of hits of each ray
     total: I32Ptr  # int32 *: number of hits of all rays
     rays: I32Ptr  # int32 *: the ray of each hit that is listed
-    slots: I64Ptr  # int64 *: the slot of its triangle
+    slots: I64Ptr  # int64 *: the slot of its triangle; for the rule POINTS, int32 *, 16 for each ray
     room: int  # most hits that are listed
     rule: int
     spans: F32Ptr  # float32 *, for the rule POINTS: bounds of the t of each ray's hits
 
 
 @inlined
-def _add_spans(sink, i, hits, undecided, bounds):
-    """Count hits (bits) of ray i by the rule POINTS; bounds: of all tests in its leaf."""
-    n, spans, is_clear = np.int64(get(sink.counts, i)), ptr_at(sink.spans, i * _SPAN_WORDS), undecided == 0
-    while hits and is_clear:
+def _overlaps(sink, i, near, far):
+    """The hits (bits) of ray i whose bounds overlap others."""
+    spans, n = ptr_at(sink.spans, i * _SPAN_WORDS), np.int64(get(sink.counts, i))
+    return bits((load16(spans, 0) <= far) & (load16(spans, LANES) >= near)) & ((1 << min(n, LANES)) - 1)
+
+
+@inlined
+def _add_span(sink, i, slot, near, far):
+    """Count a hit of ray i, which has fewer than 16, by the rule POINTS."""
+    n, spans = np.int64(get(sink.counts, i)), ptr_at(sink.spans, i * _SPAN_WORDS)
+    put(spans, n, near)
+    put(spans, LANES + n, far)
+    put(sink.slots, i * LANES + n, slot)
+    put(sink.counts, i, np.int32(n + 1))
+
+
+@kernel
+def _add_point(sink, tree, block, i, slot, bounds):
+    """Count a hit of ray i, in `block`, by the rule POINTS, unless another one has the same t. Not inlined: it is rare.
+
+    sink, tree, slot : of the walk, and the slot of the triangle
+    bounds : (near, far) float32, of its t
+    """
+    equal, n = _overlaps(sink, i, bounds[0], bounds[1]), np.int64(get(sink.counts, i))
+    if n >= LANES or (equal != 0 and sink.rule == APART):
+        put(sink.counts, i, np.int32(UNCLEAR))
+        return
+    if equal:
+        ray = ray_of(block, i % LANES)
+        t = rounded_t(ray, tree.corners, slot)
+        while equal:
+            if rounded_t(ray, tree.corners, np.int64(get(sink.slots, i * LANES + lowest_bit(equal)))) == t:
+                return
+            equal &= equal - 1
+    _add_span(sink, i, slot, bounds[0], bounds[1])
+
+
+@inlined
+def _add_points(sink, tree, block, i, first, hits, bounds):
+    """Count hits (bits) of ray i by the rule POINTS.
+
+    first : first lane of the ray's leaf
+    bounds : of all tests there
+    """
+    while hits:
         k = lowest_bit(hits)
         hits &= hits - 1
-        near, far = get(bounds, k), get(bounds, WIDTH + k)
-        equal = bits((load16(spans, 0) <= far) & (load16(spans, LANES) >= near)) & ((1 << n) - 1)
-        is_clear = n < LANES and equal == 0
-        if is_clear:
-            put(spans, n, near)
-            put(spans, LANES + n, far)
-            n += 1
-    put(sink.counts, i, np.int32(n if is_clear else UNCLEAR))
+        near, far, slot = get(bounds, k), get(bounds, WIDTH + k), np.int64(get(tree.slots, first + k))
+        if np.int64(get(sink.counts, i)) >= LANES or _overlaps(sink, i, near, far) != 0:
+            _add_point(sink, tree, block, i, slot, (near, far))
+        else:
+            _add_span(sink, i, slot, near, far)
 
 
 @inlined
@@ -130,7 +171,10 @@ def _add_undecided(sink, tree, block, i, slot, query):
     ray = ray_of(block, i % LANES)
     side = settle(ray, tree.corners, slot, None)
     if side != 0 and side != query.cull_faces:
-        if sink.rule == TRIANGLES or crosses_surface(ray, tree.corners, slot):
+        if sink.rule >= POINTS:
+            t = rounded_t(ray, tree.corners, slot)
+            _add_point(sink, tree, block, i, slot, (np.float32(t * _BELOW - _TINY), np.float32(t * _ABOVE + _TINY)))
+        elif sink.rule == TRIANGLES or crosses_surface(ray, tree.corners, slot):
             _add(sink, i, slot)
     elif sink.rule == INSIDE and exact_touches(ray.ox, ray.oy, ray.oz, tree.corners, slot):
         put(sink.counts, i, get(sink.counts, i) | ON_SURFACE)
@@ -143,10 +187,10 @@ def _keep_all(sink, tree, blocks, i, rays, query):
     decided, undecided, skip = lanes & ((1 << WIDTH) - 1), lanes >> WIDTH, np.int64(get(block.skip, i % LANES))
     if decided and skip >= 0:
         decided = without_skipped(tree, first, decided, skip)
-    if sink.rule == POINTS:
-        _add_spans(sink, i, decided, undecided, bounds_of(rays, i))
-        return False
-    if sink.room == 0:
+    if sink.rule >= POINTS:
+        _add_points(sink, tree, block, i, first, decided, bounds_of(rays, i))
+        decided = np.int64(0)
+    elif sink.room == 0:
         put(sink.counts, i, get(sink.counts, i) + np.int32(popcount(decided)))
         decided = np.int64(0)
     while decided:
@@ -184,7 +228,7 @@ def _count(ticket, wide, rays, rule, out, faults):
     """Worker: write the number of hits of each ray."""
     batch = RayBlock(stack_f32(_ROWS), stack_f64(_PRECISE), stack_i32(_RAYS), rays.segments)
     nothing, tree = stack_i32(1), wide_tree_of(wide)
-    sink = HitSink(stack_i32(_RAYS), stack_i32(1), nothing, nothing, np.int64(0), rule, stack_f32(_SPANS))
+    sink = HitSink(stack_i32(_RAYS), stack_i32(1), nothing, stack_i32(_SLOTS), np.int64(0), rule, stack_f32(_SPANS))
     for b in items(ticket):
         n, alive, good = read_batch(tree, rays, line_of(b * _RAYS), batch)
         if not good:

@@ -5,10 +5,9 @@ whether a ray crosses surfaces an odd number of times. The caps of `query.surfac
 parity differs from that of the first ray by the caps that the two cross. The exact rule INSIDE of `all_hits` counts
 both, so this holds for every point that is not on a cap.
 
-Sixty-four points vote at a time. The first votes are those of all rays whose columns hold no caps
-(`query.cap_columns`), which decide about most points. The others meet again in full batches, and their rays are traced
-in turn until no further vote can change the verdict. Bit i of four words counts the votes of point i, so an addition
-for all takes four steps.
+The first votes are those of all rays whose columns hold no caps (`query.cap_columns`), which decide about most points.
+The others have only as many rays traced as they need at least for a verdict, then as many again. The rays of all points
+of a group form full batches. Bit k of a ballot is the vote of the ray that is traced k-th.
 """
 
 from typing import NamedTuple
@@ -17,14 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...bvh.nodes import wide_tree_of
-from ...kernels.jit import I64Ptr, inlined, kernel
-from ...kernels.parallel import STOP, items, new_ticket
+from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel
+from ...kernels.parallel import items, new_ticket
 from ...kernels.simd import (
     bits,
     fma,
     gather,
     get,
     load16,
+    lowest_bit,
+    popcount,
     ptr,
     ptr_at,
     put,
@@ -34,36 +35,27 @@ from ...kernels.simd import (
     stack_f64,
     stack_i32,
     stack_i64,
-    store,
     to_i32,
 )
 from ...query.cap_columns import ALL, AXES, LINES, SIDE, CapColumns, cap_columns, unknown_columns
+from ...query.occupancy_grid import FREE, TOUCHED
 from ...query.ray_list import RayArguments
 from .all_hits import INSIDE, ON_SURFACE, HitSink, walk_batch
-from .ray_batches import RayTracer, read_batch, run_batches
-from .row_tiles import line_of
-from .wide_traversal import (
-    BLOCK_WORDS,
-    BLOCKS,
-    DX,
-    LANES,
-    OX,
-    PRECISE_WORDS,
-    RayBlock,
-    block_of,
-    prepare,
-    rays_of_block,
-)
+from .ray_batches import RayTracer, read_points, run_batches, share_ends
+from .wide_traversal import BLOCK_WORDS, BLOCKS, DX, LANES, OX, PRECISE_WORDS, RayBlock, block_of, prepare
 
 MOST = ALL // 2 + 1
 
-OUTSIDE, WITHIN, ON_CAP, UNDECIDED = range(4)
-"""Verdicts; ON_CAP: rays through the caps cannot decide; UNDECIDED: they have not been traced."""
+OUTSIDE, WITHIN, ON_CAP, UNDECIDED = FREE, 1, 2, TOUCHED
+"""Verdicts; ON_CAP: rays through the caps cannot decide; UNDECIDED: a cell does not."""
+
+KNOWN = 4
+"""Of cells that decide about no point: the parity of all rays through the surface and its caps is added to it."""
 
 _RAYS = BLOCKS * LANES
 _ROWS, _PRECISE = BLOCKS * BLOCK_WORDS, BLOCKS * PRECISE_WORDS
-_CHUNK = 16  # batches that a thread takes at a time
-_COLUMNS_PAY, _CAPS_PAY = 10_000, 4  # points that save as much time by columns as these take to make; and per cap
+_GROUP = 4 * _RAYS  # points whose rays form batches
+_PLACES = 3 * _GROUP
 _FIRST, _LAST = np.float32(0.0), np.float32(SIDE - 1)  # columns
 _AWAY = AXES + (ALL - AXES) // 2  # diagonals before this one lead away from most caps
 
@@ -71,65 +63,48 @@ _AWAY = AXES + (ALL - AXES) // 2  # diagonals before this one lead away from mos
 class Election(NamedTuple):
     """What the votes of points depend on, besides the caps."""
 
-    crossings: np.ndarray  # (n,) int64: of each first ray with the surface, by the rule INSIDE
+    crossings: np.ndarray  # (n,) int64: of first rays with the surface, by the rule INSIDE;
+    #   or, where the parity of all rays through the surface and its caps is known, -2 for even and -1 for odd
     bounds: np.ndarray  # (2, 3) float32: of the surface; points beyond are outside
 
 
 # --- Counting votes ---------------------------------------------------------------------------------------------------
 
 
-class _Poll(NamedTuple):
-    """The votes of 64 points so far, as bits: two numbers of four digits each, and the points with some vote."""
+@inlined
+def _traced_at(step):
+    """The ray that is traced k-th: the first one, diagonals that lead away from caps, axes, other diagonals."""
+    k = step + AXES - 1 if step <= _AWAY - AXES else step - (_AWAY - AXES)
+    return step if step == 0 or step >= _AWAY else k
 
-    inside: tuple[int, int, int, int]
-    outside: tuple[int, int, int, int]
-    axis_inside: int  # points for which a ray along an axis votes for inside
-    axis_outside: int
+
+_ALONG_AXES = 1 | ((1 << (AXES - 1)) - 1) << (1 + _AWAY - AXES)
+"""The votes of rays along the axes."""
+
+_ALL_VOTES = (1 << ALL) - 1
 
 
 @inlined
-def _no_votes():
-    zero = np.int64(0)
-    return _Poll((zero, zero, zero, zero), (zero, zero, zero, zero), zero, zero)
+def verdict_of(voted, inside):
+    """OUTSIDE or WITHIN, if this no longer depends on rays that have not voted; otherwise UNDECIDED.
 
-
-@inlined
-def _plus(votes, more):
-    """A number of votes after one more of the points in `more` (bits)."""
-    a, b, c, d = votes
-    return a ^ more, b ^ (a & more), c ^ (a & b & more), d ^ (a & b & c & more)
-
-
-@inlined
-def _at_least(votes, number):
-    """The points (bits) with at least a number of votes, 0 to 14."""
-    reached = np.int64(-1)
-    for digit in range(4):
-        reached = votes[digit] & reached if (number >> digit) & 1 else votes[digit] | reached
-    return reached
-
-
-@inlined
-def _after(poll, k, points, inside):
-    """The poll after ray k of some points (bits) has voted; inside: those for which it votes for inside."""
-    yes, no = points & inside, points & ~inside
-    axis = -np.int64(k < AXES)
-    axis_inside, axis_outside = poll.axis_inside | (yes & axis), poll.axis_outside | (no & axis)
-    return _Poll(_plus(poll.inside, yes), _plus(poll.outside, no), axis_inside, axis_outside)
-
-
-@inlined
-def _verdicts_of(poll, voted):
-    """The points (bits) that are inside, and outside, whatever the rays vote that have not.
-
-    voted : int64 *, 14: the points for which each ray has voted
+    voted, inside : the rays (bits) that have voted, and those of them that vote for inside
     """
-    all_axes = np.int64(-1)
-    for k in range(AXES):
-        all_axes &= get(voted, k)
-    inside = (_at_least(poll.inside, MOST) & poll.axis_inside) | (all_axes & ~poll.axis_outside)
-    outside = (_at_least(poll.outside, ALL + 1 - MOST) & poll.axis_outside) | (all_axes & ~poll.axis_inside)
-    return inside, outside
+    outside = voted & ~inside
+    axes, others = inside & _ALONG_AXES, outside & _ALONG_AXES
+    all_axes = (voted & _ALONG_AXES) == _ALONG_AXES
+    if (popcount(inside) >= MOST and axes != 0) or (all_axes and others == 0):
+        return np.int64(WITHIN)
+    if (popcount(outside) > ALL - MOST and others != 0) or (all_axes and axes == 0):
+        return np.int64(OUTSIDE)
+    return np.int64(UNDECIDED)
+
+
+@inlined
+def _needed(voted, inside):
+    """How many more rays must vote before there can be a verdict, at least one; see `verdict_of`."""
+    yes = popcount(inside)
+    return max(min(MOST - yes, ALL + 1 - MOST - popcount(voted) + yes), 1)
 
 
 # --- Rays that miss all caps ------------------------------------------------------------------------------------------
@@ -151,7 +126,7 @@ def _column(place):
 
 
 @inlined
-def _find_clear(rows, columns, clear):
+def find_clear(rows, columns, clear):
     """Write, for each direction, the points (bits) from which no cap is in the ray's column."""
     depths = ptr(columns.depths)
     for line in range(LINES):
@@ -169,141 +144,174 @@ def _find_clear(rows, columns, clear):
 # --- The election -----------------------------------------------------------------------------------------------------
 
 
-class _Candidates(NamedTuple):
-    """A batch of points: bits of points, and a pointer."""
+class _Voters(NamedTuple):
+    """The points of a group: pointers, with an element for each."""
 
-    points: int  # those that vote
-    odd: int  # those whose first ray votes for inside
-    clear: I64Ptr  # int64 *, 14: those whose rays along each direction cross no cap
+    places: F32Ptr  # float32 *, three for each
+    voted: I32Ptr  # int32 *: rays (bits) that have voted
+    inside: I32Ptr  # int32 *: those that vote for inside
+    odd: I32Ptr  # int32 *: whether the first ray votes for inside, or, once it has voted, a ray that crosses no cap
+    pending: I32Ptr  # int32 *: the points without a verdict
 
 
-@inlined
-def _within(rows, bounds):
-    """The points (bits) within bounds."""
-    points = np.int64(0)
-    for j in range(BLOCKS):
-        block = ptr_at(rows, j * BLOCK_WORDS)
-        x, y, z = load16(block, OX), load16(block, OX + LANES), load16(block, OX + 2 * LANES)
-        inside = (x >= bounds[0, 0]) & (y >= bounds[0, 1]) & (z >= bounds[0, 2])
-        points |= bits(inside & (x <= bounds[1, 0]) & (y <= bounds[1, 1]) & (z <= bounds[1, 2])) << (j * LANES)
-    return points
+class _Slots(NamedTuple):
+    """The point and the ray of each of 64 rays that are traced together: pointers."""
+
+    points: I32Ptr  # int32 *
+    steps: I32Ptr  # int32 *: the rays, by the order in which they vote
 
 
 @inlined
-def _turn(batch, alive, directions, k, reach):
-    """Give the rays in `alive` (bits) direction k."""
-    for j in range(BLOCKS):
-        if alive & rays_of_block(j):
-            rows = block_of(batch, j).rows
-            for axis in range(3):
-                store(rows, DX + LANES * axis, splat16(directions[k, axis]))
-            prepare(rows, reach)
+def within_box(block, bounds):
+    """The points (bits) of a block that are within bounds, (2, 3)."""
+    x, y, z = load16(block, OX), load16(block, OX + LANES), load16(block, OX + 2 * LANES)
+    inside = (x >= bounds[0, 0]) & (y >= bounds[0, 1]) & (z >= bounds[0, 2])
+    return bits(inside & (x <= bounds[1, 0]) & (y <= bounds[1, 1]) & (z <= bounds[1, 2]))
 
 
 @inlined
-def _found(counts, alive):
-    """(rays (bits) that cross caps an odd number of times, those whose origin is on a cap)."""
-    odd, touching = np.int64(0), np.int64(0)
-    for j in range(BLOCKS):
-        n = load16(counts, j * LANES)
-        odd |= bits((n & np.int32(1)) != np.int32(0)) << (j * LANES)
-        touching |= bits(n >= np.int32(ON_SURFACE)) << (j * LANES)
-    return odd & alive, touching & alive
-
-
-@inlined
-def _clear_votes(clear, base):
-    """The poll after all rays that cross no cap have voted, as `base` does (bits)."""
-    poll = _no_votes()
-    for k in range(ALL):
-        poll = _after(poll, k, get(clear, k), base)
-    return poll
-
-
-@inlined
-def _decide_early(candidates):
-    """(bits of the points inside, of those undecided), by the rays that cross no cap."""
-    points, odd, clear = candidates
-    won, lost = _verdicts_of(_clear_votes(clear, odd), clear)
-    settled = (won | lost) & get(clear, 0)
-    return points & settled & won, points & ~settled
-
-
-@inlined
-def _traced_at(step):
-    """The ray that is traced at a step: the first one, diagonals that lead away from caps, axes, other diagonals."""
-    k = step + AXES - 1 if step <= _AWAY - AXES else step - (_AWAY - AXES)
-    return step if step == 0 or step >= _AWAY else k
-
-
-@inlined
-def _elect(tree, batch, candidates, columns, sink):
-    """(bits of the points inside, of those on a cap). It changes the points whose rays are `clear`."""
-    points, base, clear = candidates
-    inside, on_cap, poll = np.int64(0), np.int64(0), _no_votes()
+def ballot_of(clear, i):
+    """The rays (bits) from point i of a batch that cross no cap; clear: from `find_clear`."""
+    ballot = np.int64(0)
     for step in range(ALL):
-        k = _traced_at(step)
-        alive, crossed = points & ~get(clear, k), np.int64(0)
-        if alive:
-            if k > 0:
-                _turn(batch, alive, columns.directions, k, tree.reach)
-            walk_batch(tree, batch, alive, 0, sink)
-            crossed, touching = _found(sink.counts, alive)
-            if k == 0:
-                on_cap, base = touching, base ^ crossed
-                points &= ~touching
-        if k == 0:
-            poll = _clear_votes(clear, base)
-        poll = _after(poll, k, alive, base ^ crossed)
-        put(clear, k, np.int64(-1))  # all points left have voted
-        won, lost = _verdicts_of(poll, clear)
-        inside, points = inside | (won & points), points & ~won & ~lost
-        if points == 0:
-            break
-    return inside, on_cap
+        ballot |= ((get(clear, _traced_at(step)) >> i) & 1) << step
+    return ballot
 
 
-class _Results(NamedTuple):
-    """What `_vote` writes."""
+@inlined
+def _first_verdict(voters, point, crossings, clear):
+    """The verdict on a point of a group by rays that cross no cap; clear: those rays (bits)."""
+    if crossings >= ON_SURFACE:
+        return np.int64(WITHIN)
+    odd, voted = crossings & 1, clear
+    inside = clear & -odd
+    put(voters.odd, point, odd)
+    put(voters.voted, point, voted)
+    put(voters.inside, point, inside)
+    known = crossings < 0 or (clear & 1) != 0
+    if not known:
+        put(voters.voted, point, voted | _ALL_VOTES + 1)  # its parity is that of no closed surface yet
+        return np.int64(UNDECIDED)
+    return verdict_of(voted, inside)
 
-    verdicts: np.ndarray  # (n,) uint8
-    faults: np.ndarray  # (1,) bool: whether a ray is invalid
+
+@inlined
+def _admit(rows, rays, election, columns, voters, first, verdicts):
+    """Read a group of points, from `first` on, and write the verdicts of rays that cross no cap, or UNDECIDED.
+
+    Return how many points are undecided. verdicts : uint8 *, of the group
+    """
+    left, clear = 0, stack_i64(ALL)
+    for begin in range(first, min(first + _GROUP, rays.n), _RAYS):
+        within, n = np.int64(0), min(rays.n - begin, _RAYS)
+        for j in range((n + LANES - 1) // LANES):
+            block = ptr_at(rows, j * BLOCK_WORDS)
+            read_points(rays, begin + j * LANES, block)
+            within |= within_box(block, election.bounds) << (j * LANES)
+        find_clear(rows, columns, clear)
+        for i in range(n):
+            point, verdict = begin - first + i, np.int64(OUTSIDE)
+            if (within >> i) & 1:
+                verdict = _first_verdict(voters, point, election.crossings[begin + i], ballot_of(clear, i))
+            put(verdicts, point, np.uint8(verdict))
+            if verdict == UNDECIDED:
+                at = i // LANES * BLOCK_WORDS + OX + i % LANES
+                for k in range(3):
+                    put(voters.places, 3 * point + k, get(rows, at + k * LANES))
+                put(voters.pending, left, np.int32(point))
+                left += 1
+    return left
+
+
+@inlined
+def _enter(batch, voters, columns, slots, slot, point, step):
+    """Give a slot of a batch the ray from a point that votes at a step."""
+    rows, lane, k = block_of(batch, slot // LANES).rows, slot % LANES, _traced_at(step)
+    for axis in range(3):
+        put(rows, OX + LANES * axis + lane, get(voters.places, 3 * point + axis))
+        put(rows, DX + LANES * axis + lane, columns.directions[k, axis])
+    put(slots.points, slot, np.int32(point))
+    put(slots.steps, slot, np.int32(step))
+
+
+@inlined
+def _count_vote(voters, point, step, crossings):
+    """Count the vote of a ray, by its crossings of caps. Return whether the point is on a cap."""
+    voted, inside, odd = np.int64(get(voters.voted, point)), np.int64(get(voters.inside, point)), get(voters.odd, point)
+    is_first, crossed = voted > _ALL_VOTES, np.int64(crossings & 1)
+    voted, vote = (voted & _ALL_VOTES) | 1 << step, np.int64(odd) ^ crossed
+    if is_first:  # its vote is that of the surface alone, and the others begin with that of the closed one
+        if crossed:
+            inside = (voted & ~np.int64(1)) ^ inside
+        put(voters.odd, point, np.int32(vote))
+        vote = np.int64(odd)
+    put(voters.voted, point, np.int32(voted))
+    put(voters.inside, point, np.int32(inside | vote << step))
+    return is_first and crossings >= ON_SURFACE
+
+
+@inlined
+def _trace(tree, batch, voters, slots, n, sink):
+    """Trace the first n slots of a batch and count their votes. Points on caps get all votes at once, marked by -1."""
+    for j in range((n + LANES - 1) // LANES):
+        prepare(block_of(batch, j).rows, tree.reach)
+    walk_batch(tree, batch, np.int64(-1) if n == _RAYS else (np.int64(1) << n) - 1, 0, sink)
+    for slot in range(n):
+        point = np.int64(get(slots.points, slot))
+        if _count_vote(voters, point, np.int64(get(slots.steps, slot)), np.int64(get(sink.counts, slot))):
+            put(voters.odd, point, np.int32(-1))
+
+
+@inlined
+def _elect(tree, batch, voters, columns, sink, left, verdicts):
+    """Trace rays until all points of a group have a verdict; left: how many have none."""
+    slots = _Slots(stack_i32(_RAYS), stack_i32(_RAYS))
+    while left > 0:
+        slot = 0
+        for p in range(left):
+            point = np.int64(get(voters.pending, p))
+            voted, inside = np.int64(get(voters.voted, point)), np.int64(get(voters.inside, point))
+            more = 1 if voted > _ALL_VOTES else _needed(voted, inside)
+            steps = np.int64(1) if voted > _ALL_VOTES else _ALL_VOTES & ~voted
+            while more > 0 and steps != 0:
+                _enter(batch, voters, columns, slots, slot, point, lowest_bit(steps))
+                steps &= steps - 1
+                more, slot = more - 1, slot + 1
+                if slot == _RAYS:
+                    _trace(tree, batch, voters, slots, slot, sink)
+                    slot = 0
+        if slot > 0:
+            _trace(tree, batch, voters, slots, slot, sink)
+        before, left = left, 0
+        for p in range(before):
+            point = np.int64(get(voters.pending, p))
+            verdict = np.int64(ON_CAP)
+            if get(voters.odd, point) >= 0:
+                verdict = verdict_of(np.int64(get(voters.voted, point)), np.int64(get(voters.inside, point)))
+            put(verdicts, point, np.uint8(verdict))
+            if verdict == UNDECIDED:
+                put(voters.pending, left, np.int32(point))
+                left += 1
 
 
 @kernel
-def _vote(ticket, wide, rays, election, columns, traces, out):
+def _vote(ticket, wide, rays, election, columns, verdicts):
     """Worker: write the verdict on the origin of each of the first rays."""
-    # In: wide, rays (a `RayList`), election, columns, traces (bool). Out: out (`_Results`)
+    # In: wide, rays (a `RayList`), election, columns. Out: verdicts (n,) uint8
     batch = RayBlock(stack_f32(_ROWS), stack_f64(_PRECISE), stack_i32(_RAYS), False)
-    nothing, clear, tree = stack_i32(1), stack_i64(ALL), wide_tree_of(wide)
+    voters = _Voters(stack_f32(_PLACES), stack_i32(_GROUP), stack_i32(_GROUP), stack_i32(_GROUP), stack_i32(_GROUP))
+    nothing, tree = stack_i32(1), wide_tree_of(wide)
     sink = HitSink(stack_i32(_RAYS), stack_i32(1), nothing, nothing, np.int64(0), INSIDE, stack_f32(1))
-    for b in items(ticket):
-        n, points, good = read_batch(tree, rays, line_of(b * _RAYS), batch)
-        if not good:
-            out.faults[0], ticket[STOP] = True, 1
-            break
-        odd, on_surface = np.int64(0), np.int64(0)
-        for i in range(n):
-            crossings = election.crossings[b * _RAYS + i]
-            odd |= (crossings & 1) << i
-            on_surface |= np.int64(crossings >= ON_SURFACE) << i
-        points &= _within(batch.rows, election.bounds)
-        _find_clear(batch.rows, columns, clear)
-        candidates = _Candidates(points & ~on_surface, odd, clear)
-        if traces:
-            inside, on_cap = _elect(tree, batch, candidates, columns, sink)
-            undecided = np.int64(0)
-        else:
-            inside, undecided = _decide_early(candidates)
-            on_cap = np.int64(0)
-        inside |= on_surface
-        for i in range(n):
-            verdict = ((inside >> i) & 1) * WITHIN | ((on_cap >> i) & 1) * ON_CAP
-            out.verdicts[b * _RAYS + i] = verdict | ((undecided >> i) & 1) * UNDECIDED
+    share_ends(rays, batch)
+    for g in items(ticket):
+        first = g * _GROUP
+        written = ptr_at(ptr(verdicts), first)
+        left = _admit(batch.rows, rays, election, columns, voters, first, written)
+        _elect(tree, batch, voters, columns, sink, left, written)
 
 
 class Caps:
-    """Triangles that close the surfaces of a scene. Their columns are made once points have taken as long (ski rental).
+    """Triangles that close the surfaces of a scene.
 
     corners : (n, 3, 3) float32, the triangles that `tracer` traces
     along : (3,), the direction of first rays
@@ -317,25 +325,19 @@ class Caps:
         along: NDArray[np.floating],
         box: NDArray[np.float32],
     ) -> None:
-        self._tracer, self._corners, self._along, self._box = tracer, corners, along, box
-        self._columns, self._is_made, self._points = unknown_columns(along), False, 0
+        self.tracer, self.corners, self._along, self._box = tracer, corners, along, box
+        self._columns = unknown_columns(along)
 
-    def _columns_for(self, points: int, threads: int | None) -> CapColumns:
-        """The columns for a number of points."""
-        self._points += points
-        if not self._is_made and self._points >= _COLUMNS_PAY + _CAPS_PAY * len(self._corners):
-            self._columns, self._is_made = cap_columns(self._corners, self._along, self._box, threads), True
+    def make_columns(self, around: float | NDArray[np.float64], threads: int | None) -> CapColumns:
+        """Make the columns, for points around the centres of cells; until then, caps may be anywhere.
+
+        around : half the sides of the cells, (3,), or one number
+        """
+        self._columns = cap_columns(self.corners, self._along, self._box, around, threads)
         return self._columns
 
-    def verdicts(
-        self, rays: RayArguments, election: Election, traces: bool, threads: int | None = None
-    ) -> NDArray[np.uint8] | None:
-        """(n,) uint8: the verdicts on the origins of first rays; None if a ray is invalid.
-
-        traces : whether rays are traced through caps; otherwise, points stay undecided where this is necessary
-        """
-        n, columns, faults = rays.n, self._columns_for(rays.n, threads), np.zeros(1, np.bool_)
-        verdicts, ticket = np.empty(n, np.uint8), new_ticket(-(-n // _RAYS), _CHUNK)
-        args = self._tracer.tree, rays.packed(), election, columns, traces, _Results(verdicts, faults)
-        run_batches(_vote, threads, ticket, *args)
-        return None if faults[0] else verdicts
+    def verdicts(self, rays: RayArguments, election: Election, threads: int | None = None) -> NDArray[np.uint8]:
+        """(n,) uint8: the verdicts on the origins of first rays: OUTSIDE, WITHIN or ON_CAP."""
+        verdicts, ticket = np.empty(rays.n, np.uint8), new_ticket(-(-rays.n // _GROUP), 1)
+        run_batches(_vote, threads, ticket, self.tracer.tree, rays.packed(), election, self._columns, verdicts)
+        return verdicts

@@ -218,6 +218,38 @@ def _load(args, first, step, last, block):
 
 
 @inlined
+def read_points(rays, first, rows):
+    """Convert the origins of 16 rays of a list from `first` on, and repeat the last one beyond the end."""
+    _fill_points(rays.origins, first, np.int64(RUN), rays.n - 1, rays.frame, rows, OX)
+    _settle(rows, OX)
+
+
+@inlined
+def read_point(rays, i):
+    """The origin of ray i of a list, (x, y, z) float32."""
+    begin = rays.origins.address + i * rays.origins.row
+    x = np.float32(number_at(rays.origins, begin) - rays.frame[0])
+    y = np.float32(number_at(rays.origins, begin + rays.origins.column) - rays.frame[1])
+    z = np.float32(number_at(rays.origins, begin + 2 * rays.origins.column) - rays.frame[2])
+    zero = np.float32(0.0)
+    return (
+        zero if abs(x) < _NEAREST else x,
+        zero if abs(y) < _NEAREST else y,
+        zero if abs(z) < _NEAREST else z,
+    )
+
+
+@inlined
+def share_ends(rays, batch):
+    """Give all rays of a batch the ends that the rays of a list share, and no face to skip."""
+    for j in range(BLOCKS):
+        block = block_of(batch, j)
+        _fill_ends(rays.tmin, np.int64(0), np.int64(RUN), np.int64(0), block, 0)
+        _fill_ends(rays.tmax, np.int64(0), np.int64(RUN), np.int64(0), block, 1)
+        store(block.skip, 0, splat16(np.int32(-1)))
+
+
+@inlined
 def read_batch(tree, rays, runs, batch):
     """Read up to 64 rays of a list, those of a `Runs`, and prepare their blocks.
 

@@ -1,0 +1,179 @@
+"""Cell verdicts: what an occupancy grid knows about all points of a cell.
+
+One ray per region of free cells decides (`query.occupancy_grid`). Where surfaces are closed, this is the verdict. Where
+they are open, it is the parity of all rays through the surface and its caps (`inside_votes`). Rays that cross no cap
+from anywhere in a cell vote for all of its points, and in most cells, no other votes are needed.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...kernels.jit import inlined, kernel
+from ...kernels.parallel import items, new_ticket, run, thread_count
+from ...kernels.simd import get, load16, put, select, splat16, stack_f32, stack_i32, stack_i64, store, to_i32
+from ...query.cap_columns import ALL
+from ...query.occupancy_grid import OccupancyGrid, occupancy_grid, regions_of, touch
+from ...query.ray_list import RayArguments
+from .all_hits import INSIDE, count_all
+from .inside_votes import KNOWN, OUTSIDE, UNDECIDED, WITHIN, Caps, ballot_of, find_clear, verdict_of, within_box
+from .ray_batches import read_point, read_points, run_batches
+from .wide_traversal import BLOCK_WORDS, BLOCKS, LANES, OX
+
+_RAYS = BLOCKS * LANES
+_ROWS = BLOCKS * BLOCK_WORDS
+_CHUNK = 16  # batches of points that a thread takes at a time
+_CELLS = 64  # batches of cells
+_MANY = 1 << 16  # points that are looked up by several threads
+_GRID_PAYS = 10_000
+"""Points after which a grid is made. It takes as long as up to 50,000 points, but far less than the tree before."""
+
+_AROUND = 0.51  # half a cell, and what rounding may move a point beyond it
+
+# --- Making a grid ----------------------------------------------------------------------------------------------------
+
+
+@kernel
+def _decide_cells(ticket, grid, sides, regions, odd, columns):
+    """Worker: write the verdict on all points of each free cell, or KNOWN."""
+    # In: sides (3,) float64, of cells, regions (n,) int32, odd (n,) uint8, by first cell of a region, columns.
+    # Out: grid (`OccupancyGrid`)
+    rows, clear = stack_f32(_ROWS), stack_i64(ALL)
+    lower = grid.box
+    for b in items(ticket):
+        first = b * _RAYS
+        last = min(first + _RAYS, len(grid.cells))
+        for cell in range(first, last):
+            i, x, row = cell - first, cell % grid.nx, cell // grid.nx
+            at = i // LANES * BLOCK_WORDS + OX + i % LANES
+            put(rows, at, np.float32(lower[0, 0] + (x + 0.5) * sides[0]))
+            put(rows, at + LANES, np.float32(lower[0, 1] + (row % grid.ny + 0.5) * sides[1]))
+            put(rows, at + 2 * LANES, np.float32(lower[0, 2] + (row // grid.ny + 0.5) * sides[2]))
+        find_clear(rows, columns, clear)
+        for cell in range(first, last):
+            if regions[cell] >= 0:
+                base, ballot = np.int64(odd[regions[cell]]), ballot_of(clear, cell - first)
+                verdict = verdict_of(ballot, ballot & -base)
+                grid.cells[cell] = verdict if verdict != UNDECIDED else KNOWN + base
+
+
+# --- Looking points up ------------------------------------------------------------------------------------------------
+
+
+@inlined
+def _cells_of(rows, grid):
+    """The numbers of the cells, 16 int32, of the points of a block; those nearest to points beyond the box."""
+    number, zero = splat16(np.int32(0)), splat16(np.float32(0.0))
+    for k in range(3):
+        axis = 2 - k
+        n = grid.nz if axis == 2 else grid.ny if axis == 1 else grid.nx
+        place = (load16(rows, OX + LANES * axis) - grid.box[0, axis]) * grid.scale[axis]
+        most = splat16(np.float32(n - 1))
+        place = select(place >= zero, place, zero)  # false for NaN
+        number = number * np.int32(n) + to_i32(select(place <= most, place, most))
+    return number
+
+
+@kernel
+def _look_up(ticket, rays, grid, verdicts):
+    """Worker: write what the grid holds for the origins of rays."""
+    # In: rays (a `RayList`), grid (`OccupancyGrid`). Out: verdicts (n,) uint8
+    rows, cells = stack_f32(BLOCK_WORDS), stack_i32(LANES)
+    for b in items(ticket):
+        for first in range(b * _RAYS, min((b + 1) * _RAYS, rays.n), LANES):
+            read_points(rays, first, rows)
+            there = within_box(rows, grid.box)
+            store(cells, 0, _cells_of(rows, grid))
+            for i in range(min(rays.n - first, LANES)):
+                found = grid.cells[np.int64(get(cells, i))]
+                verdicts[first + i] = found if (there >> i) & 1 else np.uint8(OUTSIDE)
+
+
+@kernel
+def _collect(rays, places, points):
+    """Write the origins of some rays of a list."""
+    # In: rays (a `RayList`), places (m,) int64. Out: points (m, 3) float32
+    for i in range(len(places)):
+        points[i, 0], points[i, 1], points[i, 2] = read_point(rays, places[i])
+
+
+class FoundCells(NamedTuple):
+    """What the cells of points decide."""
+
+    inside: NDArray[np.bool_]  # (n,): False for points without a verdict
+    places: NDArray[np.int64]  # (m,): the points without a verdict; first those of which nothing is known
+    points: NDArray[np.float32]  # (m, 3): in the scene's frame
+    unknown: int  # number of points of which nothing is known
+    known: NDArray[np.uint8]  # (m - unknown,): 0 or 1, the parity of all rays from the others
+
+
+class CellVerdicts:
+    """Verdicts on the points of a scene in memory by their cells, once a number of points has come.
+
+    corners : (n, 3, 3) float32, of all triangles that count
+    box : (2, 3) float32, their bounds
+    crossings : counts first rays by the rule INSIDE, on some threads
+    along : (3,), the direction of first rays
+    caps : that close the surface; None: it is closed
+    """
+
+    def __init__(
+        self,
+        corners: NDArray[np.float32],
+        box: NDArray[np.float32],
+        crossings: Callable[[RayArguments, int], NDArray[np.int64]],
+        along: NDArray[np.floating],
+        caps: Caps | None,
+    ) -> None:
+        self._corners, self._box, self._crossings = corners, box, crossings
+        self._along, self._caps = along.astype(np.float32), caps
+        self._points, self._grid = 0, None
+
+    def of(self, rays: RayArguments, threads: int) -> FoundCells | None:
+        """What the cells decide about the origins of rays; None as long as there is no grid."""
+        before, self._points = self._points, self._points + rays.n
+        if before < _GRID_PAYS <= self._points:
+            self._grid = self._made_grid(rays.time, threads)
+        if self._grid is None:
+            return None
+        listed, verdicts = rays.packed(), np.empty(rays.n, np.uint8)
+        ticket = new_ticket(-(-rays.n // _RAYS), _CHUNK)
+        run_batches(_look_up, threads if rays.n >= _MANY else 1, ticket, listed, self._grid, verdicts)
+        unknown, known = np.flatnonzero(verdicts == UNDECIDED), np.flatnonzero(verdicts > UNDECIDED)
+        places = np.concatenate([unknown, known]) if len(known) else unknown
+        points = np.empty((len(places), 3), np.float32)
+        if len(places):
+            _collect(listed, places, points)
+        return FoundCells(verdicts == WITHIN, places, points, len(unknown), verdicts[known] - np.uint8(KNOWN))
+
+    def _made_grid(self, time: float, threads: int) -> OccupancyGrid | None:
+        grid, caps = occupancy_grid(self._box, len(self._corners)), self._caps
+        columns = None if caps is None else caps.make_columns(0.0 if grid is None else _AROUND * grid.sides, threads)
+        if grid is None or not touch(grid, self._corners, threads):
+            return None
+        if caps is not None and not touch(grid, caps.corners, threads):
+            return None
+        regions = regions_of(grid)
+        first = np.flatnonzero(regions == np.arange(len(regions), dtype=np.int32))
+        odd = np.zeros(len(regions), np.uint8)
+        odd[first] = self._parities(grid.centres(first), time, threads)
+        if columns is None:
+            free = regions >= 0
+            grid.cells[free] = odd[regions[free]]
+        else:
+            ticket = new_ticket(-(-len(regions) // _RAYS), _CELLS)
+            run(_decide_cells, thread_count(threads), ticket, grid, grid.sides, regions, odd, columns)
+        return grid
+
+    def _parities(self, points: NDArray[np.float32], time: float, threads: int) -> NDArray[np.int64]:
+        """(m,) int64, 0 or 1: of rays from points through the closed surface."""
+        frame = (0.0, 0.0, 0.0)
+        rays = RayArguments(points, self._along, 0.0, np.inf, -1.0, (len(points),), 0, False, frame, time)
+        crossings = self._crossings(rays, threads)
+        if self._caps is not None:
+            through_caps = count_all(self._caps.tracer, rays, INSIDE, threads)
+            assert through_caps is not None
+            crossings = crossings + through_caps
+        return crossings & 1
