@@ -10,7 +10,7 @@ from math import prod
 import numpy as np
 from numpy.typing import NDArray
 
-from ...devices.device import Device
+from ...devices.device import Device, OutOfDeviceMemory
 from ...query.receivers import surface_receivers
 from ...scene.camera import CameraRays
 from ...scene.triangles import Triangles
@@ -97,16 +97,27 @@ class DeviceSurfaces:
             return self.receivers.read(np.empty((*self.shape, 4), np.float32))
 
     @cached_property
+    def _tags(self) -> NDArray[np.int32]:
+        with self._tracer.lock:
+            launches, tags = self._tracer.launches, np.empty(self.shape, np.int32)
+            try:
+                out = launches.block("tags", tags.nbytes, "the faces that pixels show")
+            except OutOfDeviceMemory:
+                return np.ascontiguousarray(self._packed.view(np.int32)[..., 3])
+            launches.launch("write_tags", (self.receivers.address, self.n, out.address), self.n)
+            return out.read(tags)
+
+    @cached_property
     def origins(self) -> NDArray[np.float32]:
         return np.ascontiguousarray(self._packed[..., :3])
 
     @cached_property
     def face(self) -> NDArray[np.int32]:
-        return np.ascontiguousarray(self._packed.view(np.int32)[..., 3]) >> 2
+        return self._tags >> 2
 
     @cached_property
     def side(self) -> NDArray[np.int8]:
-        return ((self._packed.view(np.int32)[..., 3] & SIDE) - 1).astype(np.int8)
+        return ((self._tags & SIDE) - 1).astype(np.int8)
 
 
 def see_surfaces(
@@ -149,13 +160,18 @@ def see_surfaces(
     return surfaces
 
 
-def parts_of(rays: CameraRays, rows: slice) -> Iterator[PixelRays]:
-    """The pixels of some rows of a picture, at most AT_ONCE at a time."""
+def pixels_of(rays: CameraRays, first: int, n: int) -> PixelRays:
+    """n pixels of a picture from the `first` on, row by row."""
     corner, dx, dy = ((float(v[0]), float(v[1]), float(v[2])) for v in (rays.corner, rays.dx, rays.dy))
     origin = float(rays.origin[0]), float(rays.origin[1]), float(rays.origin[2])
+    return PixelRays(origin, corner, dx, dy, rays.width, first, n)
+
+
+def parts_of(rays: CameraRays, rows: slice) -> Iterator[PixelRays]:
+    """The pixels of some rows of a picture, at most AT_ONCE at a time."""
     end = rows.stop * rays.width
     for first in range(rows.start * rays.width, end, AT_ONCE):
-        yield PixelRays(origin, corner, dx, dy, rays.width, first, min(AT_ONCE, end - first))
+        yield pixels_of(rays, first, min(AT_ONCE, end - first))
 
 
 def rays_of_pixels(pixels: PixelRays, launches: DeviceLaunches) -> RayBuffers:
