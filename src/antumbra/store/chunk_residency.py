@@ -270,7 +270,7 @@ class Residency:
     def _read_again(self, k: int) -> Chunk:
         """Read a chunk that is not to stay."""
         chunks = self.store.chunks
-        self._count(loaded=1, bytes=int(chunks.bytes[k]), bvh_bytes=NODE_BYTES * int(chunks.nodes[k]))
+        self._count(wanted=1, loaded=1, bytes=int(chunks.bytes[k]), bvh_bytes=NODE_BYTES * int(chunks.nodes[k]))
         return self.store.chunk(k)
 
     def _count(self, **increments: int) -> None:
