@@ -311,7 +311,7 @@ def test_only_bits_come_down_from_new_vertices_on_the_device(plan, monkeypatch):
             (bits,) = frame.accelerator.answer_all(frame.tree, queries)
         assert (
             isinstance(surfaces.gbuffer, ResidentGBuffer)
-            and not {"_packed", "_tags", "position"} & vars(surfaces.gbuffer.there).keys()
+            and not {"_packed", "position"} & vars(surfaces.gbuffer.there).keys()
         )
         assert "_fetched" not in vars(scene.triangles())
         assert copies.up < samples[0].nbytes + 4096

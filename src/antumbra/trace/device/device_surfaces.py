@@ -10,7 +10,7 @@ from math import prod
 import numpy as np
 from numpy.typing import NDArray
 
-from ...devices.device import Device, OutOfDeviceMemory
+from ...devices.device import Device
 from ...query.receivers import surface_receivers
 from ...scene.camera import CameraRays
 from ...scene.triangles import Triangles
@@ -97,27 +97,16 @@ class DeviceSurfaces:
             return self.receivers.read(np.empty((*self.shape, 4), np.float32))
 
     @cached_property
-    def _tags(self) -> NDArray[np.int32]:
-        with self._tracer.lock:
-            launches, tags = self._tracer.launches, np.empty(self.shape, np.int32)
-            try:
-                out = launches.block("tags", tags.nbytes, "the faces that pixels show")
-            except OutOfDeviceMemory:
-                return np.ascontiguousarray(self._packed.view(np.int32)[..., 3])
-            launches.launch("write_tags", (self.receivers.address, self.n, out.address), self.n)
-            return out.read(tags)
-
-    @cached_property
     def origins(self) -> NDArray[np.float32]:
         return np.ascontiguousarray(self._packed[..., :3])
 
     @cached_property
     def face(self) -> NDArray[np.int32]:
-        return self._tags >> 2
+        return np.ascontiguousarray(self._packed.view(np.int32)[..., 3]) >> 2
 
     @cached_property
     def side(self) -> NDArray[np.int8]:
-        return ((self._tags & SIDE) - 1).astype(np.int8)
+        return ((self._packed.view(np.int32)[..., 3] & SIDE) - 1).astype(np.int8)
 
 
 def see_surfaces(

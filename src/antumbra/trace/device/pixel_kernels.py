@@ -107,14 +107,6 @@ def widen_normals(normals, n, out):  # normals: address of float32, out: of floa
             put(f64_at(out), k, np.float64(get(f32_at(normals), k)))
 
 
-@kernel
-def write_tags(receivers, n, out):  # receivers, out: addresses of int32
-    """Write the tags of n receivers, a quarter of what a receiver takes."""
-    i = thread_index()
-    if i < n:
-        put(i32_at(out), i, get(i32_at(receivers), 4 * i + 3))
-
-
 _ZERO = (0.0, 0.0, 0.0)
 _PIXELS, _SURFACES = PixelRays(_ZERO, _ZERO, _ZERO, _ZERO, 0, 0, 0), SurfaceBuffers(0, 0, 0, 0)
 
@@ -123,7 +115,6 @@ PIXEL_KERNELS = {
     "write_surfaces": DeviceKernel(write_surfaces, (_PIXELS, HITS, 0, _SURFACES)),
     "move_receivers": DeviceKernel(move_receivers, (_SURFACES, 0, WORK, 0, 0)),
     "widen_normals": DeviceKernel(widen_normals, (0, 0, 0)),
-    "write_tags": DeviceKernel(write_tags, (0, 0, 0)),
 }
 """Name -> kernel."""
 
