@@ -8,7 +8,7 @@ import pytest
 import antumbra as at
 import moving_square
 from antumbra.devices.device import Device, OutOfDeviceMemory
-from antumbra.engine.device_tracers import OnDevice, device_tracer
+from antumbra.engine.device_tracers import OnDevice, device_tracer, free_blocks
 from antumbra.engine.engine import Engine
 from antumbra.engine.primary_visibility import RASTER, RAYS
 from antumbra.query.gbuffer import GBuffer
@@ -215,7 +215,7 @@ def test_a_frame_that_fits_only_without_surfaces_on_the_device_is_seen_by_the_cp
     def new():
         made.clear()
         renderer = at.Renderer(scene, plan)
-        OnDevice(device_tracer("host:0"), None).free_blocks()
+        free_blocks(device_tracer("host:0"))
         return renderer
 
     monkeypatch.setattr(Device, "allocate", tight)

@@ -338,7 +338,7 @@ def _print_device(scene: "AnyScene", shot: "Shot") -> None:
         rest = {
             "found what the camera sees": frame.seen_on is None,
             "found the sub-pixels of edges": frame.seen_on is not None and frame.refined is not None,
-            "traced bounced rays": frame.indirect is not None,
+            "traced bounced rays": frame.indirect is not None and traces_on_device(scene.data),
             "decided the few tests that need exact arithmetic": True,
         }
         rays, done = "shadow" if frame.seen_on is None else "camera and shadow", [each for each in rest if rest[each]]
@@ -346,7 +346,8 @@ def _print_device(scene: "AnyScene", shot: "Shot") -> None:
         print(f"The device {device} traced the {rays} rays; the CPU {work}.")
     elif default_device() not in (None, CPU) and not traces_on_device(scene.data):
         full = ":".join(map(str, parse_device(default_device() or CPU)))
-        print(f"The CPU traced everything; by the plan bsah+chcrt+device:{full}, the device traces shadow rays.")
+        plan = f"bsah+chcrt+device:{full}"
+        print(f"The CPU traced everything; by the plan {plan}, the device traces camera and shadow rays.")
 
 
 def _print_instances(scene: "AnyScene", plan: str) -> None:

@@ -4,7 +4,7 @@ The CPU builds ``bsah`` trees, which are uploaded once; devices build ``lbvh`` o
 get by default, since each frame needs a new tree. Devices find what blocks shadow rays, and any and the nearest hits of
 ray lists, also on cut-outs and on copies of meshes, and what perspective cameras see. The CPU finds what other cameras
 see, and all hits. Stores are traced on the CPU, unless a plan such as ``bsah+chcrt+device:cuda:0`` lets a device trace
-their shadow rays.
+their camera, shadow and diffuse rays.
 """
 
 from dataclasses import replace

@@ -64,6 +64,12 @@ def _opened(name: str, max_memory: int | None) -> Any:
     return DeviceTracer(open_tested(name, max_memory))
 
 
+def free_blocks(tracer: Any) -> None:
+    """Free what a device keeps for further calls of its tracer besides trees, such as the rays of a camera."""
+    with tracer.lock:
+        tracer.launches.free_blocks()
+
+
 class OnDevice(TracerState):
     """A tree on a device, with the device's tracer. It is kept from frame to frame, so that it is uploaded once."""
 
@@ -79,11 +85,6 @@ class OnDevice(TracerState):
 
     def begin(self) -> None:
         """Begin a frame; nothing changes on the device."""
-
-    def free_blocks(self) -> None:
-        """Free what the device keeps for further calls besides trees, such as the rays of a camera."""
-        with self.tracer.lock:
-            self.tracer.launches.free_blocks()
 
     def see(self, triangles: Triangles, rays: CameraRays, cutouts: CutoutTree | None, threads: int) -> GBuffer:
         """What a perspective camera sees of a scene of which this is the tree. OutOfDeviceMemory if it does not fit."""
@@ -180,7 +181,7 @@ class ShaftsOnDeviceTracer(OnDeviceTracer):
 
 
 class ChunksOnDeviceTracer(ChcRtTracer):
-    """CHC+RT whose shadow rays are traced on a device, with its memory as a cache of a store's chunks.
+    """CHC+RT whose rays are traced on a device, with its memory as a cache of a store's chunks.
 
     device : full name
     """

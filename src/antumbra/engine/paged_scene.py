@@ -55,12 +55,9 @@ class PagedScene(AnyScene):
         from .sources.paged_source import RESERVED, Paged
         from .sources.paged_views import ViewsInStore
 
-        engine = self.engine
-        with engine.lock:
-            cast(Paged, engine.source).release()
         needed = self.data.cutout_bytes + RESERVED + _VIEW_MEMORY
         limit = min(self.max_memory or MAX_MEMORY, resident_memory() + needed)
-        return ViewsInStore(cast(Paged, engine.with_options(None, None, limit).source))
+        return ViewsInStore(cast(Paged, self.engine.with_options(None, None, limit).source))  # the scene's chunks leave
 
     def refusal(self) -> InputError:
         """The error raised by methods that need all triangles."""

@@ -36,7 +36,7 @@ from ..trace.rays.ray_hits import Nearest, nearest_surfaces
 from ..trace.tracer import BLOCKS
 from .accelerator import Accelerated
 from .auto.strategies import AutoState
-from .device_tracers import OnDevice
+from .device_tracers import OnDevice, free_blocks
 from .precompilation import are_on_disk
 
 # --- Primary visibility -----------------------------------------------------------------------------------------------
@@ -64,7 +64,7 @@ def primary_visibility(
         try:
             return tree.prepared.see(triangles, rays, tree.cutouts, thread_count(threads))
         except OutOfDeviceMemory:
-            tree.prepared.free_blocks()
+            free_blocks(tree.prepared.tracer)
             cutouts, tree = tree.cutouts, None
     if tree is None:
         face, t = _rasterised(triangles, solid_vertices(triangles, threads), rays, threads)

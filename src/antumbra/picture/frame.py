@@ -1,6 +1,8 @@
 """`Frame`, the result of a `Renderer`, and the state and steps that the passes of one frame share."""
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -8,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base.progress import PhaseClock
 from ..base.wording import counted
+from ..devices.device import OutOfDeviceMemory
 from ..engine.auto.strategies import StrategyChoice
 from ..engine.engine import Engine
 from ..engine.tree_choice import TreeChoice
@@ -166,6 +169,19 @@ class TracedBits(NamedTuple):
     finer: list[NDArray[np.uint64]]  # per light (H, W, words) uint64, in refined penumbrae; empty without refinement
     edges: list[NDArray[np.uint64]]  # per light (edges, 4, 4, words) uint64: sub-pixels of edges, row by row
     indirect: NDArray[np.float32] | None  # (H, W, 3) float32, irradiance of bounced light, unfiltered
+
+
+@contextmanager
+def cpu_sees_if_full(engine: Engine) -> Iterator[None]:
+    """End early where a device runs out of memory, so that a loop repeats it; from now on, the CPU finds surfaces.
+
+    If it does so already, the error is raised. Its memory is free once this context has ended.
+    """
+    try:
+        yield
+    except OutOfDeviceMemory:
+        if not engine.source.see_on_cpu():
+            raise
 
 
 class FrameState:

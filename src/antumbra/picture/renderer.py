@@ -9,7 +9,6 @@ from ..base.checks import checked_instance, choice, whole_number
 from ..base.errors import InputError
 from ..base.option_fields import Given, method_with_keywords, split_keywords, with_keywords
 from ..base.progress import ProgressCallback, show_progress, with_quiet_progress
-from ..devices.device import OutOfDeviceMemory
 from ..engine.accelerator import Accelerated, Accelerator
 from ..engine.device_plans import cpu_plan
 from ..engine.engine import Engine
@@ -25,7 +24,7 @@ from ..query.gbuffer import GBuffer
 from ..scene.camera import Camera
 from ..scene.lights import Light, check_lights
 from ..scene.triangles import Triangles
-from .frame import Frame, FrameState, TracedBits
+from .frame import Frame, FrameState, TracedBits, cpu_sees_if_full
 from .frame_passes import render_frame
 from .frame_request import Request, request_of
 from .render_options import PBR, EngineOptions, RenderKeywords, RenderOptions, options_of
@@ -138,11 +137,9 @@ class Renderer:
         with show_progress("tracing", progress) as report, self.engine.lock:
             frames, self._expected = self._expected, max(self._expected - 1, 1)
             request = request._replace(progress=report, frames=frames)
-            try:
-                return render_frame(FrameState(self.engine, request))
-            except OutOfDeviceMemory as error:
-                _see_on_cpu(self.engine, error)
-            return render_frame(FrameState(self.engine, request))
+            while True:
+                with cpu_sees_if_full(self.engine):
+                    return render_frame(FrameState(self.engine, request))
 
     def rows(self, request: Request) -> RowBands:
         """Render a request in bands of rows, which can be traced in any order and in any process."""
@@ -150,14 +147,11 @@ class Renderer:
 
     def from_rows(self, request: Request, traced: TracedBits) -> Frame:
         """The frame of a request whose rays were traced before, as from `render`, but without the time of tracing."""
-        frame = None
         with self.engine.lock:
-            try:
-                frame = render_frame(FrameState(self.engine, request, traced))
-            except OutOfDeviceMemory as error:
-                _see_on_cpu(self.engine, error)
-            frame = frame or render_frame(FrameState(self.engine, request, traced))
-        return frame._replace(timings={**frame.timings, "trace": 0.0})
+            while True:
+                with cpu_sees_if_full(self.engine):
+                    frame = render_frame(FrameState(self.engine, request, traced))
+                    return frame._replace(timings={**frame.timings, "trace": 0.0})
 
     def request(self, camera: Camera, lights: Sequence[Light] | Light, options: RenderOptions | None = None) -> Request:
         """Check the arguments of `render`, and compile the kernels that they need."""
@@ -234,15 +228,6 @@ def _check_view(scene: AnyScene, camera: Any, lights: Any) -> tuple[Camera, list
     return camera, check_lights(lights, scene.up)
 
 
-def _see_on_cpu(engine: Engine, error: OutOfDeviceMemory) -> None:
-    """Let the CPU find surfaces, if those on a device have left too little memory; else raise the error.
-
-    The engine's lock is held. Render again after the handler: until it ends, the error keeps the first try's memory.
-    """
-    if not engine.source.see_on_cpu():
-        raise error
-
-
 @with_keywords(RenderKeywords, 3)
 @with_quiet_progress
 def render(
@@ -294,8 +279,6 @@ def render(
     request = renderer.request(camera, lights, picture_options)
     with show_progress("tracing", progress) as report, renderer.engine.lock:
         request = request._replace(progress=report)
-        try:
-            return render_frame(FrameState(renderer.engine, request))
-        except OutOfDeviceMemory as error:
-            _see_on_cpu(renderer.engine, error)
-        return render_frame(FrameState(renderer.engine, request))
+        while True:
+            with cpu_sees_if_full(renderer.engine):
+                return render_frame(FrameState(renderer.engine, request))

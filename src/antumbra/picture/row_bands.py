@@ -13,7 +13,7 @@ from ..query.shadow_query import Surfaces
 from ..query.surface_links import picture_surfaces
 from ..trace.transmission import TracedQuery
 from .bounced_light import indirect_light
-from .frame import FrameState, TracedBits, edge_colours, queries_of, trace_queries, trace_query
+from .frame import FrameState, TracedBits, cpu_sees_if_full, edge_colours, queries_of, trace_queries, trace_query
 from .frame_passes import evaluate, find_surfaces, trace
 from .frame_request import Request
 from .light_visibility import finer_query, without_equal_samples
@@ -48,7 +48,11 @@ class RowBands:
     """
 
     def __init__(self, engine: Engine, request: Request) -> None:
-        self._state = FrameState(engine, request)
+        self._engine, self._request = engine, request
+        self._begin()
+
+    def _begin(self) -> None:
+        self._state = FrameState(self._engine, self._request)
         evaluate(self._state)
         self._surfaces: Surfaces | None = None  # of the whole picture
         self._edges: tuple[np.ndarray, Surfaces] | None = None  # mask of all edges, (H, W) bool, and their sub-pixels
@@ -58,7 +62,13 @@ class RowBands:
 
         first : a multiple of 4, and of 4 times `bounce_step` with bounced light
         """
-        request = self._state.request
+        while True:
+            with cpu_sees_if_full(self._engine):
+                return self._traced(first, last)
+            self._begin()  # without the surfaces and the tree on the device
+
+    def _traced(self, first: int, last: int) -> dict[str, np.ndarray]:
+        request = self._request
         rows = slice(max(first - _ABOVE, 0), min(last + _BELOW, request.camera.height))
         if request.finer is None:
             rows = slice(first, last)

@@ -21,7 +21,7 @@ from ..bvh.block_tree import BlockTree
 from ..bvh.compact_tree import expand, expanded_bytes
 from ..trace.tree_list import ADDRESSES, addresses
 from .store_file import Store
-from .store_format import NODE_BYTES
+from .store_format import NODE_BYTES, Chunk
 from .system_resources import BufferPool
 
 POLICIES = "lru", "round-robin"
@@ -166,10 +166,15 @@ class Residency:
             self._cancel(coming)
 
     def triangles(self, k: int, slots: np.ndarray) -> TriangleCopies:
-        """The triangles in (n,) ascending slots of chunk `k`. They must be hits of the latest query."""
+        """The triangles in (n,) ascending slots of chunk `k`, hits of the latest query.
+
+        A device may have hit others than those in memory and copied ones; the chunk is read for them.
+        """
         if k in self._chunks:
-            return self._copy(k, slots)
-        copies = self._copies[k]
+            return _copies_of(self._chunks[k], slots)
+        copies = self._copies.get(k)
+        if copies is None or not np.isin(slots, copies.slots).all():
+            return _copies_of(self._read_again(k), slots)
         at = np.searchsorted(copies.slots, slots)
         return TriangleCopies(slots, copies.vertices[at], copies.colour[at], copies.ids[at])
 
@@ -260,15 +265,21 @@ class Residency:
     def _copy_hits(self, leaving: np.ndarray, mark: Mark) -> None:
         """Copy the triangles that rays hit in chunks about to be evicted."""
         for k, slots in hit_slots(leaving, self.store.chunks.triangles, mark):
-            self._copies[k] = self._copy(k, slots)
+            self._copies[k] = _copies_of(self._chunks[k], slots)
 
-    def _copy(self, k: int, slots: np.ndarray) -> TriangleCopies:
-        chunk = self._chunks[k]
-        vertices = chunk.tree.corners[slots].reshape(-1, 3, 3)
-        return TriangleCopies(slots, vertices, chunk.palette[chunk.palette_rows[slots]], chunk.tree.prim_ids[slots])
+    def _read_again(self, k: int) -> Chunk:
+        """Read a chunk that is not to stay."""
+        chunks = self.store.chunks
+        self._count(wanted=1, loaded=1, bytes=int(chunks.bytes[k]), bvh_bytes=NODE_BYTES * int(chunks.nodes[k]))
+        return self.store.chunk(k)
 
     def _count(self, **increments: int) -> None:
         self.paging = self.paging._replace(**{name: getattr(self.paging, name) + n for name, n in increments.items()})
+
+
+def _copies_of(chunk: "ResidentChunk | Chunk", slots: np.ndarray) -> TriangleCopies:
+    vertices = chunk.tree.corners[slots].reshape(-1, 3, 3)
+    return TriangleCopies(slots, vertices, chunk.palette[chunk.palette_rows[slots]], chunk.tree.prim_ids[slots])
 
 
 class RangeMemory:

@@ -5,7 +5,7 @@ import pytest
 
 import antumbra as at
 from antumbra.base.errors import InputError
-from antumbra.devices.device import OutOfDeviceMemory
+from antumbra.devices.device import Device, OutOfDeviceMemory
 from antumbra.picture.renderer import Renderer
 from antumbra.store import tiled_store
 from antumbra.techniques.chcrt.device_parts import OnDeviceParts
@@ -48,6 +48,11 @@ def _renderer(path, device, chunks=None):
     return renderer
 
 
+def _launched(renderer):
+    """The names of the kernels that the tracer of chunks has launched."""
+    return set(renderer.source.accelerated.prepared.on_device.tracer.launches._modules)
+
+
 def _same(frame, other):
     assert len(frame.bits) == len(other.bits)
     for a, b in zip(frame.bits, other.bits):
@@ -72,8 +77,98 @@ def test_pictures_are_those_in_memory(city, device, chunks):
         assert (paging["device_bytes"] > paging["device_bvh_bytes"] > 0) == (paging["device_uploaded"] > 0)
     uploads, evictions = ([frame.paging[f"device_{name}"] for frame in frames] for name in ("uploaded", "evicted"))
     assert isinstance(renderer.source.accelerated.prepared.on_device, OnDeviceParts)
+    assert {"find_listed", "trace_listed"} <= _launched(renderer)
     assert uploads[0] > 0 and frames[-1].paging["device_wanted"] > 0
     assert (uploads[-1] == 0) == (chunks is None) and (sum(evictions) > 0) == (chunks is not None)
+
+
+@ON_DEVICE
+@pytest.mark.parametrize("chunks", [None, 3])
+def test_bounced_light_and_refined_edges(city, device, chunks):
+    """Diffuse rays, several passes of which are traced together, and rays of sub-pixels."""
+    scene, path = city
+    asked = {"spp": 4, "bounce": 3, "filter": True, "adaptive": 16, "layers": True}
+    renderer, inside = _renderer(path, device, chunks), Renderer(scene, "bsah+single", 2)
+    for camera in _walk(scene)[1:3]:
+        frame, truth = (each.render(camera, [LIGHT], **asked) for each in (renderer, inside))
+        _same(frame, truth)
+        np.testing.assert_array_equal(frame.indirect, truth.indirect)
+        np.testing.assert_array_equal(frame.gbuffer.position, truth.gbuffer.position)
+        assert frame.indirect.any() and frame.refined.any()
+    calls = [n for n, fronts in renderer.source.accelerated.prepared.states() if fronts.parts.memory is not None]
+    assert len(calls) > 2 and "find_listed" in _launched(renderer)
+
+
+@ON_DEVICE
+def test_nearest_hits_of_ray_lists(city, device):
+    scene, path = city
+    rng = np.random.default_rng(4)
+    origins, directions = rng.uniform((-40, 0.2, -40), (40, 25, 40), (3000, 3)), rng.normal(size=(3000, 3))
+    asked = {"tmin": rng.uniform(0, 2, 3000), "tmax": rng.uniform(2, 60, 3000), "cull_faces": "back"}
+    stored = at.Engine(at.load(path), plan_on(device), threads=2)
+    for more in {}, asked:
+        found, truth = (each.closest_hit(origins, directions, **more) for each in (stored, scene))
+        for name in "face", "t", "u", "v":
+            np.testing.assert_array_equal(getattr(found, name), getattr(truth, name))
+        assert 0.1 < (truth.face >= 0).mean() < 1.0
+    assert "find_listed" in set(stored.source.accelerated.prepared.on_device.tracer.launches._modules)
+
+
+def _fronts_of(renderer, camera):
+    """The fronts and the statistics of a frame that begins without fronts and with all chunks in all memories."""
+    source = renderer.source
+    source.residency.budget = 1 << 40
+    for memory in filter(None, (source.residency, source.on_device)):
+        for _ in memory.groups(np.arange(len(source.store), dtype=np.int32), lambda k: np.ones(len(k), bool), None):
+            pass
+    state = source.accelerated.prepared
+    state._fronts.clear()
+    frame = renderer.render(camera, [LIGHT, SUN], spp=4, bounce=1)
+    counts = [{k: n for k, n in each.items() if not k.startswith("phase")} for each in frame.scheduled]
+    return counts, [fronts for _, fronts in state.states()]
+
+
+def test_queries_and_fronts_are_those_of_the_cpu(city):
+    """Once all chunks are in memory, the order of the pairs does not depend on where they are traced."""
+    camera = _walk(city[0])[1]
+    (counts, there), (others, here) = (
+        _fronts_of(Renderer(at.load(city[1]), plan, 2), camera) for plan in (plan_on("host"), "bsah+chcrt")
+    )
+    assert counts == others and len(there) == len(here) > 3
+    for fronts, other in zip(there, here):
+        for name in "tile", "set", "row", "state", "key":
+            np.testing.assert_array_equal(getattr(fronts, name), getattr(other, name))
+    assert sum(each["traced pairs"] for each in counts) > 100
+
+
+def test_triangles_hit_on_the_device_may_have_left_the_host(city, monkeypatch):
+    """The second frame finds all chunks on the device, and none in the memory of the host."""
+    scene, path = city
+    camera, renderer, inside = _walk(scene)[1], _renderer(path, "host"), Renderer(scene, "bsah+single", 2)
+    for _ in range(2):
+        _same(renderer.render(camera, [LIGHT], spp=4), inside.render(camera, [LIGHT], spp=4))
+        renderer.source.release()
+        assert not renderer.source.residency.used
+    frame = renderer.render(camera, [LIGHT], spp=4)
+    assert frame.paging["device_uploaded"] == 0
+
+
+@pytest.mark.parametrize("what", ["the nearest hits of rays", "the lists of tiles"])
+def test_the_cpu_sees_if_the_device_has_no_room_for_rays(city, what, monkeypatch):
+    scene, path = city
+    camera, inside, allocate, refused = _walk(scene)[1], Renderer(scene, "bsah+single", 2), Device.allocate, []
+
+    def tight(self, size, name="an array"):
+        if name == what and len(refused) < 2:
+            refused.append(size)
+            raise OutOfDeviceMemory("full", size, 0)
+        return allocate(self, size, name)
+
+    renderer = _renderer(path, "host")
+    monkeypatch.setattr(Device, "allocate", tight)
+    frame, truth = (each.render(camera, [LIGHT], spp=4, bounce=1) for each in (renderer, inside))
+    _same(frame, truth)
+    assert refused and "trace_listed" in _launched(renderer)
 
 
 @ON_DEVICE
@@ -219,6 +314,7 @@ def test_the_plan_is_for_stores_alone(city, plan):
 def test_the_command_line_says_what_was_uploaded(city, cli):
     words = "render", str(city[1]), "--size", "24", "--spp", "4", "--explain-plan", "-o", "a.png"
     out = cli(*words, "--plan", plan_on("host")).out
-    assert "on the device" in out and "were uploaded" in out and "The device host:0 traced the shadow rays" in out
+    assert "on the device" in out and "were uploaded" in out
+    assert "The device host:0 traced the camera and shadow rays" in out
     plain = cli(*words, "--device", "host").out
-    assert "by the plan bsah+chcrt+device:host:0, the device traces shadow rays" in plain
+    assert "by the plan bsah+chcrt+device:host:0, the device traces camera and shadow rays" in plain

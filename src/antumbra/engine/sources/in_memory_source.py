@@ -42,7 +42,7 @@ from ...trace.rays.inside_votes import Caps
 from ...trace.rays.ray_batches import RayTracer
 from ..accelerator import Accelerated, Accelerator, SceneTrees
 from ..auto.cost_model import BEST, GOOD, seconds_before_best
-from ..device_tracers import OnDevice, device_tracer
+from ..device_tracers import device_tracer, free_blocks
 from ..plan import DEFAULT_PLAN, Plan, parse_plan
 from ..precompilation import precompile
 from ..primary_visibility import (
@@ -411,8 +411,7 @@ class InMemory:
         self.gbuffer = RASTER
         if accelerator.plan.cull:
             self._last = accelerator.memory.own = None  # the tree of the camera
-        tracer = device_tracer(str(accelerator.plan.device), accelerator.device_memory)
-        OnDevice(tracer, None).free_blocks()
+        free_blocks(device_tracer(str(accelerator.plan.device), accelerator.device_memory))
         return True
 
     def subpixels(self, view: CameraView, edge: NDArray[np.bool_]) -> Surfaces:

@@ -42,7 +42,7 @@ from ...trace.rays.instance_batches import trace_list
 from ...trace.rays.instance_rays import InstanceForest, count_all, find_all
 from ...trace.rays.ray_hits import hit_surfaces
 from ..accelerator import Accelerated, Accelerator, SceneTrees
-from ..device_tracers import OnDevice, device_tracer, traces_single_rays
+from ..device_tracers import OnDevice, device_tracer, free_blocks, traces_single_rays
 from ..plan import Plan
 from ..precompilation import precompile
 from ..primary_visibility import RAYS
@@ -213,7 +213,7 @@ class Instanced:
         if self._accelerator.plan.device is None or self._sees_on_cpu:
             return False
         self._sees_on_cpu = True
-        self._on_device().free_blocks()
+        free_blocks(self._on_device().tracer)
         return True
 
     def _hits_of_pixels(self, rays: CameraRays, rows: slice) -> tuple[HitArrays, str | None]:
@@ -224,7 +224,7 @@ class Instanced:
             try:
                 return there.tracer.trace_pixels(there.tree, rays, rows, self.threads), device
             except OutOfDeviceMemory:
-                there.free_blocks()
+                free_blocks(there.tracer)
         mask = np.zeros((rays.height, rays.width), np.bool_)
         mask[rows] = True
         return self._hits(rays_through(rays, mask, self.threads)), None

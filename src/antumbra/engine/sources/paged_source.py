@@ -46,7 +46,7 @@ from ...trace.rays.local_rays import local_pass, local_rays
 from ...trace.rays.ray_hits import hit_surfaces
 from ...trace.tree_list import Hits
 from ..accelerator import Accelerated, Accelerator, SceneTrees
-from ..device_tracers import device_tracer
+from ..device_tracers import device_tracer, free_blocks
 from ..plan import Plan
 from ..precompilation import precompile
 from ..primary_visibility import RAYS
@@ -485,7 +485,8 @@ class Paged:
             of_band[rows] = True
             triangles, hits = self._shown(rays_through(rays, of_band, self.threads), hits, triangles)
         gbuffer = from_hits(hits.triangle, hits.t, triangles, rays, self.threads, rows.start)
-        return Surfaces(gbuffer, triangles, hits.face, self.scene.box)
+        device = self._device if self._sees_there else None
+        return Surfaces(gbuffer, triangles, hits.face, self.scene.box, device=device)
 
     def nearest(
         self, passes: Sequence[RayPass], shape: tuple[int, int], by: ChcRtState | None = None
@@ -631,7 +632,18 @@ class Paged:
         return next(self.nearest([rays], shape))
 
     def see_on_cpu(self) -> bool:
-        return False  # only the CPU sees stores
+        if not self._sees_there:
+            return False
+        for _, state in self._ranges:
+            assert state.on_device is not None
+            state.sees_on_device = False
+            free_blocks(state.on_device.tracer)
+        return True
+
+    @property
+    def _sees_there(self) -> bool:
+        """Whether a device finds nearest hits."""
+        return all(state.on_device is not None and state.sees_on_device for _, state in self._ranges)
 
     def hit_triangles(self, hits: Sequence[Hits], threads: int) -> tuple[Triangles, list[np.ndarray]]:
         """Copies of the triangles that rays hit, each once, and for each of `hits` their (h, w) int32 indices, or -1.

@@ -8,5 +8,5 @@
 - `ray_bundles`: cells and bundles of shadow segments, ray passes and camera rays
 - `nearest_hits`: nearest hits through lists of subtrees
 - `picture_ray_sets`: the ray sets of an image
-- `device_parts`: shadow segments on a device, and `device_residency`: its memory as a cache of parts
+- `device_parts`: rays on a device, and `device_residency`: its memory as a cache of parts
 """

@@ -1,6 +1,7 @@
 """CHC+RT as a tracer: its state between frames, shadow queries, ray passes, and the surfaces that rays hit."""
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from functools import partial
 from threading import Lock
 from typing import TYPE_CHECKING, TypeAlias
@@ -11,13 +12,13 @@ from numpy.typing import NDArray
 from ...base.progress import ProgressCallback, split_progress
 from ...bvh.block_tree import block_tree
 from ...bvh.nodes import Bvh
+from ...devices.device import OutOfDeviceMemory
 from ...kernels.parallel import thread_count
 from ...query.query_bounds import bounds
 from ...query.ray_passes import RayPass
 from ...query.shadow_query import ShadowQuery, Surfaces, surfaces_of
 from ...scene.camera import CameraRays
 from ...scene.triangles import Triangles
-from ...trace.primary.primary_rays import sign_hits
 from ...trace.rays.ray_hits import Show, hit_surfaces
 from ...trace.tracer import TracerState
 from ...trace.tree_list import Hits, no_hits
@@ -53,12 +54,15 @@ class ChcRtState(TracerState):
     statistics : list of dict
         One entry per call of this frame: see `visibility_fronts.Statistics`.
     on_device : OnDeviceParts or None
-        Where shadow segments are traced, through parts in the memory of a device; None: all rays are traced here.
+        Where shadow segments and nearest-hit rays are traced, through parts in the memory of a device; None: here.
+    sees_on_device : bool
+        False: nearest-hit rays are traced here all the same, since the device has too little memory.
     """
 
     def __init__(self, parts: TreeParts, options: ChcRtOptions):
         self.parts, self.options, self.room = parts, options, 0
         self.on_device: OnDeviceParts | None = None
+        self.sees_on_device = True
         self._fronts: dict[_Call, tuple[int, Fronts]] = {}  # with the last frame of each
         self._frame, self._lock = 0, Lock()
         self.begin()
@@ -223,10 +227,28 @@ def nearest_hits(
     """
     threads = thread_count(threads)
     reach = reach_inside(scheduled.parts, *bounds(passes[0].origins, threads))
-    rays = [pass_rays(each, *shape, reach) for each in passes]
-    members = [PassRaySet(scheduled.parts, scheduled.options, each, threads) for each in rays]
+    members = _pass_sets(scheduled, [pass_rays(each, *shape, reach) for each in passes], threads)
     scheduled.run(combine_ray_sets(members), shape, progress)
     return [member.hits for member in members]
+
+
+def _pass_sets(scheduled: ChcRtState, rays: Sequence[PassRays], threads: int) -> list[PassRaySet]:
+    """Ray sets on the device; here if there is none, or if it has no room for rays or finds no nearest hits."""
+    there, options = scheduled.on_device, scheduled.options
+    if there is not None and scheduled.sees_on_device and not any(each.any_hit for each in rays):
+        with suppress(OutOfDeviceMemory):
+            return [there.passes(options, each, threads) for each in rays]
+    return [PassRaySet(scheduled.parts, options, each, threads) for each in rays]
+
+
+def _camera_set(scheduled: ChcRtState, rays: CameraRays, rows: slice, reach: float, threads: int) -> CameraRaySet:
+    """The ray set of a camera, as `_pass_sets`."""
+    there, options = scheduled.on_device, scheduled.options
+    if there is not None and scheduled.sees_on_device:
+        with suppress(OutOfDeviceMemory):
+            return there.camera(options, rays, rows, reach, threads)
+        scheduled.sees_on_device = False
+    return CameraRaySet(scheduled.parts, options, rays, rows, reach, threads)
 
 
 def ray_hits(
@@ -252,7 +274,7 @@ def ray_hits(
     ends = NO_TARGETS if targets is None else targets.reshape(1, m, 3)
     segments = targets is not None
     pass_ = PassRays(origins, directions, skip, no_hits((1, m)), reach, spans, 1, cull_faces, any_hit, ends, segments)
-    scheduled.run(PassRaySet(scheduled.parts, scheduled.options, pass_, threads), (1, m))
+    scheduled.run(_pass_sets(scheduled, [pass_], threads)[0], (1, m))
     return pass_.hits
 
 
@@ -278,11 +300,10 @@ def camera_hits(
     """
     reach = reach_inside(scheduled.parts, rays.origin, rays.origin)
     rows = rows or slice(0, rays.height)
-    view = CameraRaySet(scheduled.parts, scheduled.options, rays, rows, reach, thread_count(threads))
+    view = _camera_set(scheduled, rays, rows, reach, thread_count(threads))
     scheduled.run(view, (rays.height, rays.width), progress)
-    if signed:  # those in other trees have been signed
-        trees = scheduled.parts.trees
-        sign_hits(trees, view.picture, np.where(trees[:, 0] != 0, 0, -1), view.threads)
+    if signed:
+        view.sign()
     return Hits(*(of_all[rows] for of_all in view.hits))
 
 

@@ -182,6 +182,9 @@ class HitRays(RaySets):
     def marker(self) -> Mark | None:
         return partial(mark_hits, self.hits, threads=self.threads)
 
+    def sign(self) -> None:
+        """Write the signed t of all hits, unless tracing has written it."""
+
 
 class PassRaySet(HitRays):
     """Nearest-hit or any-hit rays: one per pixel, or a row of rays."""
@@ -200,10 +203,14 @@ class PassRaySet(HitRays):
         return None if self.any_hit else super().marker()
 
     def trace(self, pairs: Pairs, keys: NDArray[np.float32]) -> NDArray[np.bool_]:
-        lists, rays = self.lists(pairs, keys), self.rays
+        lists = self.lists(pairs, keys)
         if len(lists.tiles):
-            trace_nearest(self.forest(lists), rays.picture, self.pass_, rays.cells[0], self.threads)
+            self.find(lists)
         return self._blocking(pairs) if self.any_hit else np.zeros(len(pairs.tile), np.bool_)
+
+    def find(self, lists: Lists) -> None:
+        """Find hits in the parts of lists, and update the cells."""
+        trace_nearest(self.forest(lists), self.rays.picture, self.pass_, self.rays.cells[0], self.threads)
 
     def _blocking(self, pairs: Pairs) -> NDArray[np.bool_]:
         """(k,) bool: the final pairs whose part has the hit of a ray."""
@@ -238,14 +245,25 @@ class CameraRaySet(HitRays):
 
         return mark
 
+    def sign(self) -> None:
+        trees = self.parts.trees  # hits in trees that have left memory are signed
+        sign_hits(trees, self.picture, np.where(trees[:, 0] != 0, 0, -1), self.threads)
+
     def trace(self, pairs: Pairs, keys: NDArray[np.float32]) -> NDArray[np.bool_]:
-        lists, rays = self.lists(pairs, keys), self.rays
+        lists = self.lists(pairs, keys)
         if len(lists.tiles):
-            trace_hits(self.forest(lists), self.picture, self.threads)
-            shorten_camera(
-                rays.cells[0], self.tiles.spans, lists.tiles, rays.picture, self.hits, self.length, self.threads
-            )
+            self.find(lists)
+            self.shorten(lists.tiles)
         return np.zeros(len(pairs.tile), np.bool_)
+
+    def find(self, lists: Lists) -> None:
+        """Find the nearest hits in the parts of lists."""
+        trace_hits(self.forest(lists), self.picture, self.threads)
+
+    def shorten(self, tiles: NDArray[np.int32]) -> None:
+        """Update the cells of some tiles after tracing."""
+        cells, picture = self.rays.cells[0], self.rays.picture
+        shorten_camera(cells, self.tiles.spans, tiles, picture, self.hits, self.length, self.threads)
 
 
 class CombinedRaySets:

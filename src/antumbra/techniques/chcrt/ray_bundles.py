@@ -368,8 +368,8 @@ def span_of(rays, y, x):
 
 @inlined
 def limit_of(t, bundle, lane):
-    """The limit of a ray with a hit at t, as a fraction of its length."""
-    return _F(min(t / np.float64(get(bundle.lengths, lane)) * BEYOND, 1.0))
+    """The limit of a ray with a hit at t, as a fraction of its length; as from `load_rays`."""
+    return min(_F(t) / get(bundle.lengths, lane) * _F(BEYOND), _F(1.0))
 
 
 @overload(bundles_in)
@@ -418,6 +418,36 @@ def bound_rays(picture: PictureCells, rays: PassRays, threads: int) -> NDArray[n
     cells = new_cells(picture, 1)
     run(_bound_pass, threads, new_ticket(cells.shape[1], 1), picture, rays, cells)
     return cells
+
+
+@kernel
+def _shorten_pass(ticket, spans, tiles, columns, picture, rays, cells):
+    """Worker: update the limits of the cells of some tiles after tracing."""
+    # In: spans, tiles, columns, picture, rays. Out: cells.
+    bundle = bundle_in(stack_f32(BUNDLE_FLOATS))
+    for i in items(ticket):
+        span = spans[tiles[i]]
+        for j in range(regions_in(span)):
+            region = region_in(span, j, columns)
+            out = ptr_at(ptr(cells), region * WORDS)
+            for g in range(16):
+                corner = first_receiver(picture, region, g)
+                if corner[0] < picture.h and corner[1] < picture.w:
+                    load_rays(rays, picture, corner, bundle)
+                    put(out, FAR * 16 + g, reduce_max(load16(bundle.limits, 0)))
+
+
+def shorten_pass(
+    cells: NDArray[np.float32],
+    spans: NDArray[np.int32],
+    tiles: NDArray[np.int32],
+    picture: PictureCells,
+    rays: PassRays,
+    threads: int,
+) -> None:
+    """Update the cells of some tiles, as `nearest_hits.trace_nearest` does."""
+    ticket, columns = new_ticket(len(tiles), 1), picture.layout.columns
+    run(_shorten_pass, threads, ticket, spans, tiles, columns, picture, rays, cells)
 
 
 # --- Camera rays: cells of 4 x 4 pixels; the tracer is `trace.primary` ------------------------------------------------

@@ -8,6 +8,7 @@
 - `device_traversal`: the walk of one ray, which decides in float32 and lists what it cannot decide
 - `shaft_parts`, `device_shafts`, `shaft_traversal`: multi-frusta tracing, by warps of shafts
 - `part_trees`, `tree_list_kernels`, `tree_list_tracer`: screen tiles, through the trees that each tile lists
+- `nearest_list_kernels`, `nearest_list_tracer`: the nearest hits of rays of such tiles
 - `device_kernels`: the kernels, and the list of them that tests and builds read
 - `pixel_kernels`, `device_surfaces`: the surfaces that a camera sees, and receivers on them, which stay there
 - `settling`: the exact decisions on the CPU

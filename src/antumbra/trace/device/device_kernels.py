@@ -155,6 +155,13 @@ def exact_t(ray, corners):
 
 
 @inlined
+def picture_t(ray, corners, exact):
+    """t as from `filters.hit_t`; exact: as from `exact_t`."""
+    w = volumes64(ray, corners, 0)
+    return w.t / w.d if _is_accurate(w) else exact
+
+
+@inlined
 def hit_order(ray, corners, prim, side, other, other_prim):
     """1 if a hit precedes another one, as `filters.precedes` states, -1 if it follows, 0 if this is undecided.
 

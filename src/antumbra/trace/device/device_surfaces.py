@@ -149,13 +149,18 @@ def see_surfaces(
     return surfaces
 
 
-def parts_of(rays: CameraRays, rows: slice) -> Iterator[PixelRays]:
-    """The pixels of some rows of a picture, at most AT_ONCE at a time."""
+def pixels_of(rays: CameraRays, first: int, n: int) -> PixelRays:
+    """n pixels of a picture from the `first` on, row by row."""
     corner, dx, dy = ((float(v[0]), float(v[1]), float(v[2])) for v in (rays.corner, rays.dx, rays.dy))
     origin = float(rays.origin[0]), float(rays.origin[1]), float(rays.origin[2])
+    return PixelRays(origin, corner, dx, dy, rays.width, first, n)
+
+
+def parts_of(rays: CameraRays, rows: slice) -> Iterator[PixelRays]:
+    """The pixels of some rows of a picture, at most AT_ONCE at a time."""
     end = rows.stop * rays.width
     for first in range(rows.start * rays.width, end, AT_ONCE):
-        yield PixelRays(origin, corner, dx, dy, rays.width, first, min(AT_ONCE, end - first))
+        yield pixels_of(rays, first, min(AT_ONCE, end - first))
 
 
 def rays_of_pixels(pixels: PixelRays, launches: DeviceLaunches) -> RayBuffers:

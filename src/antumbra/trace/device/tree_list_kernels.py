@@ -87,7 +87,7 @@ def _list_test(work, j, slot):
 
 
 @inlined
-def _tree_at(lists, item):
+def tree_at(lists, item):
     """The `TreeBuffers` of the tree at a place of the lists."""
     at = TREE_WORDS * np.int64(get(i32_at(lists.items), item))
     words, reach = i64_at(lists.trees), f32_at(lists.trees)
@@ -109,7 +109,7 @@ def _walk_list(lists, r, j, span, work):
     """The state of a segment after the trees from span[0] to span[1] of the lists."""
     item, answer = span[0], np.int64(CLEAR)
     while item < span[1] and answer == CLEAR:
-        answer = walk(_tree_at(lists, item), r, j, True, ListedWork(work, item, work.cull_faces))
+        answer = walk(tree_at(lists, item), r, j, True, ListedWork(work, item, work.cull_faces))
         if answer == BLOCKED:
             put(i32_at(lists.blockers), item, 1)
         item += 1
@@ -154,7 +154,7 @@ def _settle(lists, segments, work, test):
     if test.slot < 0:
         _leave(lists, work, test, r.ray, corners)
         return
-    copy_corners(_tree_at(lists, test.item), test.slot, corners)
+    copy_corners(tree_at(lists, test.item), test.slot, corners)
     side = side_of_hit(r.ray, corners, work.cull_faces)
     if side == UNSURE:
         _leave(lists, work, test, r.ray, corners)

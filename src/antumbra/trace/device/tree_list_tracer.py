@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ...devices.device import Device, DeviceMemory
 from ...query.shadow_query import ShadowQuery
 from . import settling
+from .device_kernels import RECORD
 from .device_launches import DeviceLaunches
 from .device_rays import (
     BLOCKED,
@@ -126,6 +127,14 @@ def set_bits(bits: NDArray[np.uint64], layout: TileLayout, tiles: NDArray[np.int
         part |= found[: part.shape[0], : part.shape[1]] << shift
 
 
+class RecordBuffers(NamedTuple):
+    """A list of tests for the CPU: addresses on the device."""
+
+    rest: int  # the records, see `device_kernels`
+    corners: int  # float32, CORNERS per record
+    capacity: int  # in records
+
+
 # --- The tracer -------------------------------------------------------------------------------------------------------
 
 
@@ -197,7 +206,7 @@ class TiledTracer(RayStages):
             words = np.zeros((rows, tiled.layout.pixels, per_receiver), np.uint32)
             blockers = self.launches.block("blockers", 4 * len(lists.items) + 4, "the lists of tiles")
             blockers.fill()
-            sent = _SentLists(self._sent_lists(lists, blockers.address), lists.table, tiles)
+            sent = _SentLists(self.sent_lists(lists, blockers.address), lists.table, tiles)
             for first in range(0, rows, at_once):
                 n = min(at_once, rows - first)
                 work = self._work(first * row, n * row, tiled.query.cull_faces)
@@ -215,19 +224,29 @@ class TiledTracer(RayStages):
         words = rows * tiled.layout.pixels * -(-tiled.layout.count // 32)
         return self.launches.block("words", 4 * words, "the bits of the answers")
 
-    def _sent_lists(self, lists: TreeLists, blockers: int) -> TreeListBuffers:
+    def sent_lists(self, lists: TreeLists, blockers: int) -> TreeListBuffers:
+        """Lists, uploaded until the next call; blockers: see `TreeListBuffers`."""
         send, what = self.launches.sent, "the lists of tiles"
-        corners = self.launches.block(
-            "corners", 4 * CORNERS * self._capacities.records, "the list of tests for the CPU"
-        )
         return TreeListBuffers(
             send("trees", np.ascontiguousarray(lists.table.reshape(-1, TREE_WORDS)), what),
             send("starts", lists.starts, what),
             send("items", lists.items, what),
             lists.sets,
             blockers,
-            corners.address,
+            self.records().corners,
         )
+
+    def records(self) -> "RecordBuffers":
+        """The list of tests for the CPU."""
+        what, capacity = "the list of tests for the CPU", self._capacities.records
+        corners = self.launches.block("corners", 4 * CORNERS * capacity, what)
+        return RecordBuffers(
+            self.launches.block("rest", 8 * RECORD * capacity, what).address, corners.address, capacity
+        )
+
+    def widen_records(self, capacity: int) -> None:
+        """Make room for more tests for the CPU."""
+        self._capacities = self._capacities._replace(records=max(self._capacities.records, capacity))
 
     def _work(self, first: int, n: int, cull_faces: int) -> Work:
         tests = self.launches.block("pairs", 4 * TEST * self._capacities.pairs, "the list of undecided tests")
