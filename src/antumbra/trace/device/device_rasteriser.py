@@ -73,7 +73,8 @@ class DeviceRasteriser:
         Its lock is held.
     triangles : Triangles
         All triangles of the scene; they are copied to the device unless they are there.
-    rays : CameraRays
+    camera : RasterCamera
+        With all pixels of the picture.
     cutouts : CutoutTree or None
         The triangles that are not solid; None: there are none.
     threads : int
@@ -86,11 +87,15 @@ class DeviceRasteriser:
     """
 
     def __init__(
-        self, tracer: DeviceTracer, triangles: Triangles, rays: CameraRays, cutouts: CutoutTree | None, threads: int
+        self,
+        tracer: DeviceTracer,
+        triangles: Triangles,
+        camera: RasterCamera,
+        cutouts: CutoutTree | None,
+        threads: int,
     ) -> None:
         self._tracer, self._cutouts, self._threads = tracer, cutouts, threads
-        launches, view = tracer.launches, make_view(rays)
-        self._camera = RasterCamera(view, make_padding(view), 0, rays.width * rays.height)
+        launches, self._camera = tracer.launches, camera
         vertices, n = launches.address_of(triangles), len(triangles.face_id)
         faces = triangles.solid
         ids = 0 if faces is None else launches.sent("source", faces, "the solid triangles")
@@ -162,11 +167,17 @@ def _longer(needed: int, capacity: int) -> int:
 
 def draw_surfaces(
     tracer: DeviceTracer, triangles: Triangles, rays: CameraRays, cutouts: CutoutTree | None, threads: int
-) -> DeviceSurfaces:
+) -> DeviceSurfaces | None:
     """The surfaces that a perspective camera sees, as from `see_surfaces`, without a tree. The same errors.
 
-    The arguments are those of `DeviceRasteriser`.
+    None if float32 rounds the rays so coarsely that triangles have no bounds: the picture's angle is tiny. The other
+    arguments are those of `DeviceRasteriser`.
     """
+    view = make_view(rays)
+    padding = make_padding(view)
+    if not padding.usable:
+        return None
     with tracer.lock:
-        rasteriser = DeviceRasteriser(tracer, triangles, rays, cutouts, threads)
+        camera = RasterCamera(view, padding, 0, rays.width * rays.height)
+        rasteriser = DeviceRasteriser(tracer, triangles, camera, cutouts, threads)
         return write_surfaces(tracer, triangles, rays, rasteriser.nearest_hits, threads)

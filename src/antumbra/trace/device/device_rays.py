@@ -60,6 +60,7 @@ class RayBuffers(NamedTuple):
 
 @inlined
 def listed_point(at, i):
+    """Point or direction i of an address of float32, 3 each."""
     p = f32_at(at)
     return get(p, 3 * i), get(p, 3 * i + 1), get(p, 3 * i + 2)
 

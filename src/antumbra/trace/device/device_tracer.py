@@ -197,9 +197,7 @@ class DeviceTracer(RayStages):
     ) -> tuple[Work, HitBuffers]:
         """As `nearest_hits`, of a chunk of rays whose nearest hits in the tree are known."""
         sizes = zip(HitBuffers._fields, HIT_BYTES)
-        hits = HitBuffers(
-            *(self.launches.block(name, size * chunk.work.n, "the hits").address for name, size in sizes)
-        )
+        hits = HitBuffers(*(self.launches.block(name, size * chunk.work.n, "the hits").address for name, size in sizes))
         self._report(tree, chunk, cutouts, hits, threads)
         return chunk.work, hits
 

@@ -142,16 +142,13 @@ def _test_pixel(drawn, triangle, slot, j, rays, work, targets):
 @inlined
 def _draw(drawn, slot, box, camera, rays, work, targets):
     """Test a triangle with the pixels of a box."""
-    x0, y, x1, y1 = box
+    x0, y0, x1, y1 = box
     triangle, _ = filter_triangle(drawn.tree.triangles, slot)
-    while y <= y1:
-        x = x0
-        while x <= x1:
+    for y in range(y0, y1 + 1):
+        for x in range(x0, x1 + 1):
             j = y * camera.view.width + x - camera.first
             if j >= 0 and j < camera.n:
                 _test_pixel(drawn, triangle, slot, j, rays, work, targets)
-            x += 1
-        y += 1
 
 
 # --- Triangles and parts ----------------------------------------------------------------------------------------------
