@@ -7,6 +7,7 @@ rasterisation they take no tree of all triangles.
 import numpy as np
 from numpy.typing import NDArray
 
+from ...bvh.nodes import Bvh
 from ...devices.device import OutOfDeviceMemory
 from ...query.query_bounds import triangle_box
 from ...query.raster_bins import make_padding
@@ -58,10 +59,15 @@ class SeenTriangles(DeviceTree):
         launches.launch("tag_seen", (source, camera, tags.address), source.n + 1)
         seen = keep_tagged(source, tags, launches)
         triangles = launches.block("seen", max(4 * TRIANGLE * seen.n, 64), "the triangles that the camera may see")
-        super().__init__(launches, triangles, triangles, seen.n)  # what it decides needs no nodes
+        super().__init__(launches, triangles, triangles, seen.n)  # there are no nodes, and nobody reads any
         x, y, z = np.abs(box).max(0)
         self.reach = x, y, z
         launches.launch("write_triangles", (self.buffers, seen.faces, 1, seen.vertices, seen.n), seen.n)
+
+    @property
+    def bvh(self) -> Bvh:
+        """The triangles on the host, for decisions there."""
+        return self.some(np.arange(self.n, dtype=np.int32))
 
 
 class DeviceRasteriser:
