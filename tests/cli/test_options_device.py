@@ -37,13 +37,13 @@ def test_a_picture_on_a_device_is_that_of_the_cpu_and_says_who_traced(cli, squar
 
 
 DECIDED = "decided the few tests that need exact arithmetic"
-FOUND = "found what the camera sees"
+FOUND, TRACED = "found what the camera sees", "traced the shadow rays; the CPU"
 SENTENCES = {
-    (): f"{FOUND} and traced the shadow rays; the CPU {DECIDED} and shaded.",
-    ("--adaptive",): f"{FOUND} and traced the shadow rays; the CPU found the sub-pixels of edges, {DECIDED}, and shaded.",
-    ("--bounce", 1): f"{FOUND} and traced the shadow rays; the CPU traced bounced rays, {DECIDED}, and shaded.",
-    ("--camera", "panorama"): f"traced the shadow rays; the CPU {FOUND}, {DECIDED}, and shaded.",
-    ("full",): f"traced the shadow rays; the CPU {FOUND}, {DECIDED}, and shaded.",
+    (): f"{FOUND} and {TRACED} {DECIDED} and shaded.",
+    ("--adaptive",): f"{FOUND} and {TRACED} found the sub-pixels of edges, {DECIDED}, and shaded.",
+    ("--bounce", 1): f"{FOUND} and {TRACED} traced bounced rays, {DECIDED}, and shaded.",
+    ("--camera", "panorama"): f"{TRACED} {FOUND}, {DECIDED}, and shaded.",
+    ("full",): f"{TRACED} {FOUND}, {DECIDED}, and shaded.",
 }
 
 
