@@ -20,10 +20,11 @@ from .device_kernels import HitBuffers
 from .device_launches import DeviceLaunches
 from .device_rays import RayBuffers
 from .device_stages import Chunk
-from .device_surfaces import DeviceSurfaces, PixelRays, write_surfaces
+from .device_surfaces import DeviceSurfaces, write_surfaces
 from .device_tracer import DeviceTracer
 from .device_traversal import COUNTS, PAIRS, PARTS, TRIANGLE, Work
 from .device_tree import DeviceTree
+from .pixel_kernels import PixelRays
 from .raster_kernels import (
     BOUND,
     CELL,
