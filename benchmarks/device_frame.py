@@ -3,14 +3,14 @@
 The scene is that of device_build.py: waves that move, with the shadows of a lamp that is low above them. Every frame
 has new vertices, which are on the device already. Cases, for each of --triangles:
 
-- `bits`: the visibility bits of the picture. The device recentres and surveys the vertices, builds or refits a tree,
-  traces the pixels, culls (for `grid32`), and traces the shadow rays. The G-buffer and its receivers stay there.
+- `bits`: the visibility bits of the picture. The device recentres and surveys the vertices, rasterises them, culls (for
+  `grid32`), builds or refits a tree, and traces the shadow rays. The G-buffer and its receivers stay there.
 - `picture`: the same with the picture, which the CPU shades from a copy of the G-buffer
 
 Methods: `device` with a new tree in every frame, `device, refit`, `device, culled`, and `cpu`, which gets the vertices
-as an array on the host. `differs` counts receivers with other bits than the CPU's in the last frame, or values of the
-image. After each row are the median milliseconds of its steps, and the bytes that a frame copies to the device and from
-it.
+as an array on the host. `by rays` traces the pixels through a tree of all triangles instead of rasterising. `differs`
+counts receivers with other bits than the CPU's in the last frame, or values of the image. After each row are the median
+milliseconds of its steps, and the bytes that a frame copies to the device and from it.
 """
 
 import argparse
@@ -18,7 +18,7 @@ import statistics
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -35,6 +35,14 @@ from antumbra.trace.device.device_tracer import DeviceTracer
 from device_build import Timings, copies_of, waves
 
 LIGHT = QuadLight((-14.0, 3.0, -3.0), (0.0, 2.0, 0.0), (0.0, 0.0, 2.0))
+
+
+class Method(NamedTuple):
+    """How frames are computed."""
+
+    plan: str
+    renew: bool = False  # whether each frame builds a new tree, instead of refitting the last one
+    gbuffer: str = "auto"
 
 
 class MovingScene:
@@ -103,15 +111,15 @@ def stages_of(laps: dict[str, list[float]], frames: int) -> dict[str, float]:
     return {step: statistics.median(seconds) for step, seconds in of_frames.items()}
 
 
-def moving_scene(plan: str, arrays: list[np.ndarray], options: argparse.Namespace, how: Timings) -> MovingScene:
-    """The scene by a plan; arrays: the vertices of both frames on the host."""
-    renew, plan = plan.endswith("!"), plan.removesuffix("!")
-    renderer = Renderer(antumbra.Scene.from_arrays(arrays[0]), plan, how.threads)
+def moving_scene(method: Method, arrays: list[np.ndarray], options: argparse.Namespace, how: Timings) -> MovingScene:
+    """The scene by a method; arrays: the vertices of both frames on the host."""
+    scene = antumbra.Scene.from_arrays(arrays[0])
+    renderer = Renderer(scene, method.plan, how.threads, gbuffer=method.gbuffer)
     there: list[Any] = arrays
     if renderer.plan.device is not None:
         device = _tracer_of(renderer.engine).device
         there = [DeviceArray(device.upload(each), each.shape, each.dtype, device.queue) for each in arrays]
-    return MovingScene(renderer, there, options, renew)
+    return MovingScene(renderer, there, options, method.renew)
 
 
 def _tracer_of(engine: Engine) -> DeviceTracer:
@@ -122,23 +130,26 @@ def _tracer_of(engine: Engine) -> DeviceTracer:
 def rows(tracer: DeviceTracer, n: int, options: argparse.Namespace, how: Timings) -> Iterator[dict[str, Any]]:
     """Rows of both cases."""
     name, arrays = tracer.device.name, [waves(n, time) for time in (0.0, 0.4)]
-    plans = {
-        "cpu": "lbvh+multifrusta",
-        "device": f"lbvh+device:{name}!",
-        "device, refit": f"lbvh+device:{name}",
-        "device, culled": f"grid32+lbvh+device:{name}!",
+    plan, culled = f"lbvh+device:{name}", f"grid32+lbvh+device:{name}"
+    methods = {
+        "cpu": Method("lbvh+multifrusta"),
+        "device": Method(plan, True),
+        "device by rays": Method(plan, True, "rays"),
+        "device, refit": Method(plan),
+        "device, culled": Method(culled, True),
+        "device, culled, by rays": Method(culled, True, "rays"),
     }
     rays, truth = options.size[0] * options.size[1] * options.spp, dict[str, np.ndarray]()
-    for method, plan in plans.items():
-        scene = moving_scene(plan, arrays, options, how)
+    for label, method in methods.items():
+        scene = moving_scene(method, arrays, options, how)
         for case, call in ("bits", scene.bits), ("picture", scene.picture):
             scene.laps.clear()
             scene.show(how.rounds % 2)  # so that the last frame is the same for all rounds
             timing = how.timed(call, how.rounds)
             about = {"scene": "waves", "triangles": n, "case": case}
-            row = how.row(about, method, timing, rays, truth.setdefault(case, timing.answers))
+            row = how.row(about, label, timing, rays, truth.setdefault(case, timing.answers))
             row["stages"] = stages_of(scene.laps, how.rounds + 1)
-            yield row | (copies_of(tracer.device, call) if method != "cpu" else {})
+            yield row | (copies_of(tracer.device, call) if label != "cpu" else {})
 
 
 def stage_line(row: dict[str, Any]) -> str:

@@ -8,7 +8,7 @@ import typer
 
 from antumbra.cli.app import program
 from antumbra.devices.device import OutOfDeviceMemory
-from antumbra.engine.device_tracers import OnDevice
+from antumbra.trace.device.device_surfaces import DeviceSurfaces
 
 COMMANDS: Any = typer.main.get_command(program())
 
@@ -32,17 +32,18 @@ def test_a_picture_on_a_device_is_that_of_the_cpu_and_says_who_traced(cli, squar
     picture = "render", square_obj, "--size", 8, "--spp", 4
     cli(*picture, "-o", "cpu.png")
     out = cli(*picture, "-o", "device.png", "--device", "host", "--explain-plan").out
-    assert "bsah+device:host:0" in out and "The device host:0 traced the camera and shadow rays" in out
+    assert "bsah+device:host:0" in out and "The device host:0 found what the camera sees and traced" in out
     assert Path("cpu.png").read_bytes() == Path("device.png").read_bytes()
 
 
 DECIDED = "decided the few tests that need exact arithmetic"
+FOUND, TRACED = "found what the camera sees", "traced the shadow rays; the CPU"
 SENTENCES = {
-    (): f"camera and shadow rays; the CPU {DECIDED} and shaded.",
-    ("--adaptive",): f"camera and shadow rays; the CPU found the sub-pixels of edges, {DECIDED}, and shaded.",
-    ("--bounce", 1): f"camera and shadow rays; the CPU traced bounced rays, {DECIDED}, and shaded.",
-    ("--camera", "panorama"): f"shadow rays; the CPU found what the camera sees, {DECIDED}, and shaded.",
-    ("full",): f"shadow rays; the CPU found what the camera sees, {DECIDED}, and shaded.",
+    (): f"{FOUND} and {TRACED} {DECIDED} and shaded.",
+    ("--adaptive",): f"{FOUND} and {TRACED} found the sub-pixels of edges, {DECIDED}, and shaded.",
+    ("--bounce", 1): f"{FOUND} and {TRACED} traced bounced rays, {DECIDED}, and shaded.",
+    ("--camera", "panorama"): f"{TRACED} {FOUND}, {DECIDED}, and shaded.",
+    ("full",): f"{TRACED} {FOUND}, {DECIDED}, and shaded.",
 }
 
 
@@ -52,10 +53,10 @@ def test_the_report_says_what_the_device_traced_and_what_the_cpu_did(cli, square
         raise OutOfDeviceMemory("full", 1, 0)
 
     if words == ("full",):
-        monkeypatch.setattr(OnDevice, "see", refuse)
+        monkeypatch.setattr(DeviceSurfaces, "__init__", refuse)
     options = () if words == ("full",) else words
     out = cli("render", square_obj, "--size", 8, "--device", "host", "--explain-plan", *options, "-o", "a.png").out
-    assert f"The device host:0 traced the {SENTENCES[words]}" in out
+    assert f"The device host:0 {SENTENCES[words]}" in out
 
 
 def test_a_study_on_a_device_has_the_numbers_of_the_cpu(cli, square_obj):

@@ -8,7 +8,7 @@ import pytest
 import antumbra as at
 import moving_square
 from antumbra.devices.device import Device, OutOfDeviceMemory
-from antumbra.engine.device_tracers import OnDevice, device_tracer, free_blocks
+from antumbra.engine.device_tracers import OnDevice, OnDeviceTracer, device_tracer, free_blocks
 from antumbra.engine.engine import Engine
 from antumbra.engine.primary_visibility import RASTER, RAYS
 from antumbra.query.gbuffer import GBuffer
@@ -16,6 +16,7 @@ from antumbra.query.light_samples import light_samples
 from antumbra.query.resident_gbuffer import ResidentGBuffer
 from antumbra.query.shadow_query import surface_queries
 from antumbra.techniques.culling import device_culling
+from antumbra.trace.device import device_surfaces
 from antumbra.trace.device.device_instances import ForestTracer
 from antumbra.trace.device.device_tracer import DeviceTracer
 from cutout_scenes import scene_with_cutouts
@@ -55,17 +56,22 @@ def assert_same_frames(ours, theirs):
 @pytest.fixture
 def looks(monkeypatch):
     """The numbers of pixels that devices have looked through."""
-    found, see, trace = [], OnDevice.see, ForestTracer.trace_pixels
+    found, see, draw, trace = [], OnDevice.see, OnDeviceTracer.draw, ForestTracer.trace_pixels
 
     def seen(self, triangles, rays, *rest):
         found.append(rays.width * rays.height)
         return see(self, triangles, rays, *rest)
+
+    def drawn(self, triangles, rays, *rest):
+        found.append(rays.width * rays.height)
+        return draw(self, triangles, rays, *rest)
 
     def traced(self, forest, rays, rows, threads):
         found.append(rays.width * (rows.stop - rows.start))
         return trace(self, forest, rays, rows, threads)
 
     monkeypatch.setattr(OnDevice, "see", seen)
+    monkeypatch.setattr(OnDeviceTracer, "draw", drawn)
     monkeypatch.setattr(ForestTracer, "trace_pixels", traced)
     return found
 
@@ -73,6 +79,7 @@ def looks(monkeypatch):
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("plan", PLANS)
 def test_frames_of_a_device_are_those_of_the_cpu(plan, scene, looks):
+    """The first one is rasterised; rays find the surfaces of the second one, unless triangles were culled."""
     scene = SCENES[scene]()
     camera = CAMERA if not scene.data.instanced else at.Camera((0, 9, 20), (0, 0, 0), width=24, height=16)
     theirs = at.Renderer(scene, "bsah+wide", gbuffer=RASTER).render(camera, LAMP, spp=5)
@@ -139,17 +146,21 @@ def test_the_option_gbuffer_can_keep_the_surfaces_on_the_cpu(gbuffer, count, loo
     assert len(looks) == count and frame.seen_on == ("host:0" if count else None)
 
 
+@pytest.mark.parametrize("gbuffer", ["auto", RAYS])
 @pytest.mark.parametrize("scene", ["soup", "cut-outs", "instances"])
-def test_surfaces_that_do_not_fit_are_found_by_the_cpu(scene, monkeypatch):
+def test_surfaces_that_do_not_fit_are_found_by_the_cpu(scene, gbuffer, monkeypatch):
+    refused = []
+
     def refuse(*args):
+        refused.append(args)
         raise OutOfDeviceMemory("full", 1, 0)
 
-    monkeypatch.setattr(OnDevice, "see", refuse)
+    monkeypatch.setattr(device_surfaces.DeviceSurfaces, "__init__", refuse)
     monkeypatch.setattr(ForestTracer, "trace_pixels", refuse)
     scene = SCENES[scene]()
-    ours, theirs = (at.render(scene, CAMERA, LAMP, spp=4, plan=plan) for plan in ("bsah+device:host:0", "bsah+wide"))
-    assert_same_frames(ours, theirs)
-    assert ours.seen_on is None
+    ours = at.render(scene, CAMERA, LAMP, spp=4, plan="bsah+device:host:0", gbuffer=gbuffer)
+    assert_same_frames(ours, at.render(scene, CAMERA, LAMP, spp=4, plan="bsah+wide"))
+    assert ours.seen_on is None and refused
 
 
 def test_a_whole_tree_that_does_not_fit_beside_a_culled_one_is_left_out(monkeypatch, looks):
@@ -159,10 +170,11 @@ def test_a_whole_tree_that_does_not_fit_beside_a_culled_one_is_left_out(monkeypa
     expected = at.render(soup_scene(3), CAMERA, LAMP, spp=4, plan="bsah+single")
     with monkeypatch.context() as full:
         full.setattr(DeviceTracer, "build", refuse)
-        assert_same_frames(at.render(soup_scene(3), CAMERA, LAMP, spp=4, plan="grid32+lbvh+device:host:0"), expected)
+        culled = at.render(soup_scene(3), CAMERA, LAMP, spp=4, plan="grid32+lbvh+device:host:0", gbuffer=RAYS)
+        assert_same_frames(culled, expected)
+        assert not looks
         with pytest.raises(OutOfDeviceMemory):
             at.render(soup_scene(3), CAMERA, LAMP, spp=4, plan="lbvh+device:host:0")
-    assert not looks
 
 
 def test_the_tree_of_the_camera_leaves_if_a_culled_one_does_not_fit_beside_it(monkeypatch):
@@ -181,7 +193,7 @@ def test_the_tree_of_the_camera_leaves_if_a_culled_one_does_not_fit_beside_it(mo
     monkeypatch.setattr(OnDevice, "see", seen)
     monkeypatch.setattr(device_culling, "build_relevant", tight)
     expected = at.render(soup_scene(3), CAMERA, LAMP, spp=4, adaptive=16, plan="bsah+single")
-    renderer = at.Renderer(soup_scene(3), "grid32+lbvh+device:host:0")
+    renderer = at.Renderer(soup_scene(3), "grid32+lbvh+device:host:0", gbuffer=RAYS)
     for _ in range(2):
         assert_same_frames(renderer.render(CAMERA, LAMP, spp=4, adaptive=16), expected)
     assert held[:2] == [True, False] and held.count(True) == 2
@@ -244,8 +256,16 @@ def test_frames_of_an_animation_are_seen_by_the_device(tmp_path, looks):
     assert len(looks) == 3
 
 
-@pytest.mark.parametrize("plan", ["lbvh+device:host:0", "grid32+lbvh+device:host:0"])
-def test_a_scene_at_rest_has_one_tree_for_the_camera(plan, monkeypatch):
+@pytest.mark.parametrize(
+    "plan, gbuffer, count",
+    [
+        ("lbvh+device:host:0", "auto", 1),
+        ("lbvh+device:host:0", RAYS, 1),
+        ("grid32+lbvh+device:host:0", "auto", 0),
+        ("grid32+lbvh+device:host:0", RAYS, 1),
+    ],
+)
+def test_a_scene_at_rest_has_at_most_one_tree_of_all_triangles(plan, gbuffer, count, monkeypatch):
     builds, build = [], DeviceTracer.build
 
     def counted(tracer, *args):
@@ -253,10 +273,28 @@ def test_a_scene_at_rest_has_one_tree_for_the_camera(plan, monkeypatch):
         return build(tracer, *args)
 
     monkeypatch.setattr(DeviceTracer, "build", counted)
-    renderer = at.Renderer(soup_scene(3), plan)
+    renderer = at.Renderer(soup_scene(3), plan, gbuffer=gbuffer)
     for _ in range(3):
         renderer.render(CAMERA, LAMP, spp=4)
-    assert len(builds) == 1
+    assert len(builds) == count
+
+
+def test_only_new_triangles_are_rasterised(monkeypatch):
+    drawn, draw = [], OnDeviceTracer.draw
+
+    def noted(self, triangles, *rest):
+        drawn.append(triangles)
+        return draw(self, triangles, *rest)
+
+    monkeypatch.setattr(OnDeviceTracer, "draw", noted)
+    scene = at.Scene.from_arrays(waves(0.0))
+    renderer = at.Renderer(scene, "lbvh+device:host:0")
+    for time in 0.1, 0.2:
+        scene.update(waves(time))
+        expected = at.render(at.Scene.from_arrays(waves(time)), OVER, LOW, spp=4, plan="bsah+single")
+        for _ in range(2):
+            np.testing.assert_array_equal(renderer.render(OVER, LOW, spp=4).bits[0], expected.bits[0])
+    assert len(drawn) == 2
 
 
 # --- Bytes ------------------------------------------------------------------------------------------------------------
@@ -293,10 +331,11 @@ OVER = at.Camera((0, 4, 9), (0, -0.5, 0), width=48, height=32)
 LOW = at.QuadLight((-7.0, 3.0, -2.0), (0.0, 2.0, 0.0), (0.0, 0.0, 2.0))
 
 
+@pytest.mark.parametrize("gbuffer", ["auto", RAYS])
 @pytest.mark.parametrize("plan", [*PLANS[2:4], "grid32+lbvh+device:host:0"])
-def test_only_bits_come_down_from_new_vertices_on_the_device(plan, monkeypatch):
+def test_only_bits_come_down_from_new_vertices_on_the_device(plan, gbuffer, monkeypatch):
     scene, other = (at.Scene.from_arrays(waves(0.0)) for _ in range(2))
-    engine, samples = Engine(scene, plan), [light_samples(LOW, SPP)]
+    engine, samples = Engine(scene, plan, gbuffer=gbuffer), [light_samples(LOW, SPP)]
     arrays = [on_device_of(engine, waves(time)) for time in (0.1, 0.2, 0.3)]
     for k, array in enumerate(arrays):
         with monkeypatch.context() as counting:
@@ -304,7 +343,7 @@ def test_only_bits_come_down_from_new_vertices_on_the_device(plan, monkeypatch):
             engine.update(array)
             frame = engine.frame_tracer()
             frame.begin(None, PIXELS * SPP, 0, 0.0)
-            assert frame.build_for_camera(OVER)
+            assert frame.build_for_camera(OVER) == (gbuffer == RAYS)
             surfaces = frame.surfaces(OVER, slice(0, OVER.height))
             queries = surface_queries(surfaces, [LOW], samples, 0, 2)
             frame.prepare(queries, lambda step: None)

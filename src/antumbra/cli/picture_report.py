@@ -341,9 +341,10 @@ def _print_device(scene: "AnyScene", shot: "Shot") -> None:
             "traced bounced rays": frame.indirect is not None and traces_on_device(scene.data),
             "decided the few tests that need exact arithmetic": True,
         }
-        rays, done = "shadow" if frame.seen_on is None else "camera and shadow", [each for each in rest if rest[each]]
+        done = [each for each in rest if rest[each]]
         work = f"{', '.join(done)}{',' if len(done) > 1 else ''} and shaded"
-        print(f"The device {device} traced the {rays} rays; the CPU {work}.")
+        found = "" if frame.seen_on is None else "found what the camera sees and "
+        print(f"The device {device} {found}traced the shadow rays; the CPU {work}.")
     elif default_device() not in (None, CPU) and not traces_on_device(scene.data):
         full = ":".join(map(str, parse_device(default_device() or CPU)))
         plan = f"bsah+chcrt+device:{full}"

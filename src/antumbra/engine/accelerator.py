@@ -7,7 +7,7 @@
 import threading
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,9 @@ from ..bvh.refit import filter_tree
 from ..devices.device import OutOfDeviceMemory
 from ..devices.device_list import device_budget
 from ..query.equal_samples import any_bit, copy_bits, with_distinct_samples
+from ..query.gbuffer import GBuffer
 from ..query.shadow_query import ShadowQuery, new_bits
+from ..scene.camera import CameraRays
 from ..scene.scene_data import MemoryData
 from ..scene.triangles import Triangles
 from ..techniques.chcrt.chc_rt import ChcRtState
@@ -103,7 +105,7 @@ class Accelerator:
     one_tree : bool
         Whether shadow rays and camera rays share a BVH.
     sees : bool
-        Whether the plan's device finds what perspective cameras see, in that BVH.
+        Whether the plan's device finds what perspective cameras see: in that BVH, or without one by `draw`.
     device_memory : int or None
         Bytes that a plan on a device may allocate there; None: all that is free.
     """
@@ -257,6 +259,14 @@ class Accelerator:
             return self.build(triangles)
         except OutOfDeviceMemory:
             return None
+
+    def draw(self, triangles: Triangles, rays: CameraRays) -> GBuffer | None:
+        """What a perspective camera sees, drawn without a tree on the plan's device; None: the CPU must draw it."""
+        if not self.sees:
+            return None
+        tracer = cast(OnDeviceTracer, self.plan.tracer)
+        with device_budget(self.device_memory):
+            return tracer.draw(triangles, rays, self.cutouts_of(triangles), self.threads)
 
     def for_camera(self, triangles: Triangles) -> Accelerated:
         """A `bsah` BVH for camera rays, for plans without a BVH or with one specialised to shadow rays."""

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..base.errors import InputError
 from ..base.progress import ProgressCallback
 from ..bvh.nodes import Bvh
+from ..devices.device import OutOfDeviceMemory
 from ..devices.device_list import CPU, current_budget, parse_device
 from ..kernels.parallel import thread_count
 from ..query.gbuffer import GBuffer
@@ -134,6 +135,18 @@ class OnDeviceTracer(Tracer):
 
         box = triangle_box(triangles, request.threads)
         return OnDevice(tracer, build_relevant(tracer, vertices, faces, request, box, builder))
+
+    def draw(self, triangles: Triangles, rays: CameraRays, cutouts: CutoutTree | None, threads: int) -> GBuffer | None:
+        """What a perspective camera sees, drawn without a tree; None: the device cannot draw it."""
+        from ..trace.device.device_rasteriser import draw_surfaces
+
+        tracer = device_tracer(str(self.device), current_budget())
+        try:
+            there = draw_surfaces(tracer, triangles, rays, cutouts, threads)
+        except OutOfDeviceMemory:
+            OnDevice(tracer, None).free_blocks()
+            return None
+        return None if there is None else ResidentGBuffer.of(there)
 
     def refit(self, prepared: OnDevice, triangles: Triangles, limit: float) -> OnDevice | None:
         """The tree, refitted on the device."""

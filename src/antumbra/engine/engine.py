@@ -104,7 +104,8 @@ class Engine(RayQueries):
         limit, or 4 GiB. On a device, the limit on the memory taken there; None: all that is free.
     gbuffer : "raster", "rays" or "auto"
         The method of `surfaces`; all give the same bits. "auto": rasterise; once a tree is cached, use whichever is
-        faster. Stores, and cameras that are not perspective, always use rays.
+        faster; on a device, rays. "raster" leaves this to the CPU. Stores, and cameras that are not perspective, always
+        use rays.
     device : str or None
         The device that traces shadow rays and ray lists: ``"cuda"``, ``"cuda:1"``, ``"opencl"``, or ``"cpu"`` for none.
         None: the one in the environment variable ``ANTUMBRA_DEVICE``, if there is neither a plan. It never changes a

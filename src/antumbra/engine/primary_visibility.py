@@ -1,6 +1,6 @@
 """Primary visibility in memory: the surfaces visible to a camera, by rasterisation or by rays through a tree.
 
-A device that holds the tree finds them there; they stay there until the host reads them.
+A device that holds the tree, or rasterises, finds them there; they stay there until the host reads them.
 
 If no method is given, `PrimaryMethodChooser` chooses one. Rays are often faster if there is a tree of blocks, but
 building one would take longer than they save. So rays are tried only if an earlier frame has cached such a tree and
@@ -48,12 +48,14 @@ def primary_visibility(
     tree: Accelerated | None = None,
     threads: int | None = None,
     cutouts: CutoutTree | None = None,
+    draw: Callable[[Triangles, CameraRays], GBuffer | None] | None = None,
 ) -> GBuffer:
     """The G-buffer of a camera by rays through `tree`, a BVH of all triangles, or by rasterisation if it is None.
 
     For a camera that is not perspective, a BVH is built if there is none.
 
     cutouts : the tree of alpha-masked faces, used if `tree` is None; None: build it if there are such faces
+    draw : rasterises on a device, if `tree` is None; None: there is none. It may return None, too
     """
     if camera.listed:
         listed = camera_pass(cast(ExplicitRays, camera.view(triangles.origin)), slice(0, camera.height))
@@ -66,6 +68,9 @@ def primary_visibility(
         except OutOfDeviceMemory:
             free_blocks(tree.prepared.tracer)
             cutouts, tree = tree.cutouts, None
+    drawn = draw(triangles, rays) if tree is None and draw is not None else None
+    if drawn is not None:
+        return drawn
     if tree is None:
         face, t = _rasterised(triangles, solid_vertices(triangles, threads), rays, threads)
     elif tree.scheduled is not None:

@@ -14,6 +14,7 @@ from antumbra.techniques.culling.device_culling import build_relevant
 from antumbra.techniques.culling.pre_bvh_culling import CullRequest, solid_tree
 from antumbra.trace.alpha_cutouts import cutout_tree
 from antumbra.trace.device import device_surfaces
+from antumbra.trace.device.device_rasteriser import draw_surfaces
 from antumbra.trace.device.device_stages import CAPACITIES, Capacities
 from antumbra.trace.device.device_surfaces import see_surfaces
 from antumbra.trace.device.device_tracer import DeviceTracer
@@ -100,13 +101,21 @@ def seen(tracer, triangles, camera):
     return see_surfaces(tracer, tree, triangles, camera.rays(triangles.origin), cutouts, 2)
 
 
+def drawn(tracer, triangles, camera):
+    return draw_surfaces(tracer, triangles, camera.rays(triangles.origin), cutout_tree(triangles, 2), 2)
+
+
+METHODS = pytest.mark.parametrize("find", [seen, drawn], ids=["rays", "raster"])
+
+
 # --- Surfaces ---------------------------------------------------------------------------------------------------------
 
 
+@METHODS
 @pytest.mark.parametrize("name", SEEN)
-def test_a_device_sees_the_surfaces_of_the_rasteriser(tracer, name):
+def test_a_device_sees_the_surfaces_of_the_rasteriser(tracer, name, find):
     triangles, camera, gbuffer, query = expected_of(name)
-    found = seen(tracer, triangles, camera)
+    found = find(tracer, triangles, camera)
     for ours, theirs, field in zip(ResidentGBuffer.of(found), gbuffer, GBuffer._fields):
         np.testing.assert_array_equal(ours, theirs, err_msg=field)
         assert ours.dtype == theirs.dtype and ours.shape == theirs.shape
@@ -114,12 +123,13 @@ def test_a_device_sees_the_surfaces_of_the_rasteriser(tracer, name):
     assert (gbuffer.face >= 0).any()
 
 
+@METHODS
 @pytest.mark.parametrize("n", [0, 1])
-def test_pictures_of_hardly_any_triangles(tracer, n):
+def test_pictures_of_hardly_any_triangles(tracer, n, find):
     whole, camera = at.Scene.from_arrays(lattice()[:1]).triangles(), AT_LATTICE
     triangles = whole._replace(vertices=whole.vertices[:n], face_id=whole.face_id[:n], colour=whole.colour[:n])
     expected = primary_visibility(triangles, camera, None, 2)
-    found = seen(tracer, triangles, camera)
+    found = find(tracer, triangles, camera)
     for ours, theirs, field in zip(ResidentGBuffer.of(found), expected, GBuffer._fields):
         np.testing.assert_array_equal(ours, theirs, err_msg=field)
     assert (found.face >= 0).any() == (n > 0)
@@ -134,7 +144,8 @@ def test_rays_through_corners_and_along_edges_see_the_first_face(device):
     np.testing.assert_array_equal(found.face, gbuffer.face)
 
 
-def test_the_cpu_moves_receivers_that_float64_leaves_undecided(tracer, monkeypatch):
+@METHODS
+def test_the_cpu_moves_receivers_that_float64_leaves_undecided(tracer, find, monkeypatch):
     triangles, camera, _, query = expected_of("slivers")
     moved, move = [], device_surfaces._move_on_cpu
 
@@ -143,14 +154,15 @@ def test_the_cpu_moves_receivers_that_float64_leaves_undecided(tracer, monkeypat
         move(tracer, out, vertices, pairs, threads)
 
     monkeypatch.setattr(device_surfaces, "_move_on_cpu", noted)
-    np.testing.assert_array_equal(seen(tracer, triangles, camera).origins, query.origins)
+    np.testing.assert_array_equal(find(tracer, triangles, camera).origins, query.origins)
     assert sum(moved) > 0
 
 
-def test_pictures_are_seen_some_pixels_at_a_time(device, monkeypatch):
+@METHODS
+def test_pictures_are_seen_some_pixels_at_a_time(device, find, monkeypatch):
     monkeypatch.setattr(device_surfaces, "AT_ONCE", 100)
     triangles, camera, gbuffer, query = expected_of("soup")
-    found = seen(DeviceTracer(device, TINY), triangles, camera)
+    found = find(DeviceTracer(device, TINY), triangles, camera)
     np.testing.assert_array_equal(found.position, gbuffer.position)
     np.testing.assert_array_equal(found.origins, query.origins)
 

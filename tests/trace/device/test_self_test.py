@@ -15,6 +15,7 @@ from antumbra.trace.device.cutout_kernels import CUTOUT_KERNELS
 from antumbra.trace.device.device_kernels import KERNELS
 from antumbra.trace.device.instance_kernels import INSTANCE_KERNELS
 from antumbra.trace.device.pixel_kernels import PIXEL_KERNELS
+from antumbra.trace.device.raster_kernels import RASTER_KERNELS
 from antumbra.trace.device.self_test import check_device, open_tested, run_self_test
 from devices import DEVICES, opened
 from forked import in_child
@@ -106,7 +107,7 @@ def test_every_kernel_of_builds_pixels_cut_outs_and_copies_takes_part(monkeypatc
         launched.add(module.entry), launch(self, module, *rest)
     ))  # fmt: skip
     run_self_test(open_device("host"))
-    kernels = BUILD_KERNELS | PIXEL_KERNELS | CUTOUT_KERNELS | INSTANCE_KERNELS
+    kernels = BUILD_KERNELS | PIXEL_KERNELS | RASTER_KERNELS | CUTOUT_KERNELS | INSTANCE_KERNELS
     assert {kernel.code("ptx").entry for kernel in kernels.values()} <= launched
 
 

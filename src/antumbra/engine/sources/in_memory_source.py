@@ -320,8 +320,8 @@ class InMemory:
     trees : SceneTrees
         Shared with other engines of the scene.
     gbuffer : "raster", "rays" or "auto"
-        The method of primary visibility; "auto": rays if a device traces them; otherwise the faster one, see
-        `primary_visibility`.
+        The method of primary visibility; "auto": the faster one, see `primary_visibility`; on a device, rays through a
+        tree that an earlier frame has cached, otherwise rasterisation. "raster" rasterises on the CPU.
 
     Attributes
     ----------
@@ -335,7 +335,7 @@ class InMemory:
 
     def __init__(self, data: MemoryData, accelerator: Accelerator, trees: SceneTrees, gbuffer: str = AUTO):
         self.scene, self._method_chooser, self._trees = data, PrimaryMethodChooser(), trees
-        self.gbuffer = RAYS if gbuffer == AUTO and accelerator.sees else gbuffer  # on the device
+        self.gbuffer = gbuffer
         self._accelerator, self.threads = accelerator, accelerator.threads
         self._box: tuple[Triangles, np.ndarray] | None = None  # the latest triangles and their bounds
         self.ray_lists = RayLists(data, trees, self.threads)
@@ -397,16 +397,20 @@ class InMemory:
 
         def surfaces(by_rays: bool) -> Surfaces:
             tree = view.tree if by_rays else None
-            return surfaces_of(primary_visibility(view.triangles, camera, tree, self.threads, cutouts), view.triangles)
+            draw = self._accelerator.draw if self.gbuffer == AUTO else None
+            seen = primary_visibility(view.triangles, camera, tree, self.threads, cutouts, draw)
+            return surfaces_of(seen, view.triangles)
 
         if camera.listed or self.gbuffer != AUTO:
             return surfaces(camera.listed or self.gbuffer == RAYS)
+        if self._accelerator.sees:
+            return surfaces(True)
         method = self._method_chooser.choose(view.tree)
         return self._method_chooser.timed(method, camera.width * camera.height, lambda: surfaces(method == RAYS))
 
     def see_on_cpu(self) -> bool:
         accelerator = self._accelerator
-        if not accelerator.sees or self.gbuffer != RAYS:
+        if not accelerator.sees or self.gbuffer == RASTER:
             return False
         self.gbuffer = RASTER
         if accelerator.plan.cull:

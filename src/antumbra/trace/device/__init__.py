@@ -11,6 +11,7 @@
 - `nearest_list_kernels`, `nearest_list_tracer`: the nearest hits of rays of such tiles
 - `device_kernels`: the kernels, and the list of them that tests and builds read
 - `pixel_kernels`, `device_surfaces`: the surfaces that a camera sees, and receivers on them, which stay there
+- `raster_kernels`, `device_rasteriser`: the same surfaces of new triangles, without a tree
 - `settling`: the exact decisions on the CPU
 - `device_stages`: the stages of tracing a chunk of rays, and their order
 - `device_tracer`: trees, ray lists and shadow queries, by these stages

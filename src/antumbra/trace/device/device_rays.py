@@ -59,7 +59,8 @@ class RayBuffers(NamedTuple):
 
 
 @inlined
-def _point(at, i):
+def listed_point(at, i):
+    """Point or direction i of an address of float32, 3 each."""
     p = f32_at(at)
     return get(p, 3 * i), get(p, 3 * i + 1), get(p, 3 * i + 2)
 
@@ -76,7 +77,7 @@ def _is_still(ray):
 
 @inlined
 def _listed_ray(rays, i):
-    o, e = _point(rays.origins, i), _point(rays.ends, i)
+    o, e = listed_point(rays.origins, i), listed_point(rays.ends, i)
     skip = rays.shared_skip if rays.skip == 0 else np.int64(get(i32_at(rays.skip), i))
     if rays.segments != 0:
         ray = segment(o[0], o[1], o[2], e[0], e[1], e[2])

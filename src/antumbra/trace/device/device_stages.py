@@ -131,7 +131,7 @@ class RayStages:
             self.launches.launch(chunk.kind.trace, (tree.buffers, chunk.rays, work), n)
         pairs = int(self._counts()[PAIRS])
         self.undecided += min(pairs, work.capacity)
-        self._settle(tree, chunk, min(pairs, work.capacity), threads)
+        self.settle(tree, chunk, min(pairs, work.capacity), threads)
         if pairs <= work.capacity:
             return np.empty(0, np.int32)
         states = self._read("out", (chunk.work.n,), np.int32)
@@ -149,7 +149,7 @@ class RayStages:
         self.launches.launch("trace_shafts", (tree.buffers, chunk.rays, work, tiles), tiles.n * spp)
         self.visits += int(self._counts()[VISITS])
 
-    def _settle(self, tree: DeviceTree, chunk: Chunk, pairs: int, threads: int) -> None:
+    def settle(self, tree: DeviceTree, chunk: Chunk, pairs: int, threads: int) -> None:
         """Decide the listed tests: in float64 on the device, and what is left on the CPU."""
         work, counts, begin, at_once = chunk.work, self.launches.block("counts", 0, ""), 0, pairs
         while begin < pairs:

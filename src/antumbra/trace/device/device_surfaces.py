@@ -1,9 +1,9 @@
-"""The surfaces that a camera sees, found by primary rays on a device, where they and their receivers stay.
+"""The surfaces that a camera sees, found on a device by primary rays, where they and their receivers stay.
 
 They are those of the CPU's G-buffer, bit for bit. What the host reads is copied there, once.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cached_property
 from math import prod
 
@@ -15,6 +15,7 @@ from ...query.receivers import surface_receivers
 from ...scene.camera import CameraRays
 from ...scene.triangles import Triangles
 from ..alpha_cutouts import CutoutTree
+from .device_kernels import HitBuffers
 from .device_launches import DeviceLaunches
 from .device_rays import SIDE, RayBuffers
 from .device_tracer import DeviceTracer
@@ -137,15 +138,32 @@ def see_surfaces(
     OutOfDeviceMemory
         If they do not fit.
     """
+
+    def nearest(pixels: PixelRays, seen: RayBuffers) -> tuple[Work, HitBuffers]:
+        return tracer.nearest_hits(tree, seen, pixels.n, cutouts, threads)
+
     with tracer.lock:
-        surfaces = DeviceSurfaces(tracer, triangles, (rays.height, rays.width))
-        launches, vertices = tracer.launches, tracer.launches.address_of(triangles)
-        for pixels in parts_of(rays, slice(0, rays.height)):
-            seen = rays_of_pixels(pixels, launches)
-            work, hits = tracer.nearest_hits(tree, seen, pixels.n, cutouts, threads)
-            out = surfaces.buffers(pixels.first)
-            launches.launch("write_surfaces", (pixels, hits, vertices, out), pixels.n)
-            _move_receivers(tracer, out, vertices, work, threads)
+        return write_surfaces(tracer, triangles, rays, nearest, threads)
+
+
+def write_surfaces(
+    tracer: DeviceTracer,
+    triangles: Triangles,
+    rays: CameraRays,
+    nearest: Callable[[PixelRays, RayBuffers], tuple[Work, HitBuffers]],
+    threads: int,
+) -> DeviceSurfaces:
+    """The surfaces at the nearest hits of all pixels; the tracer's lock is held. Otherwise as `see_surfaces`.
+
+    nearest : the hits of some pixels, whose rays are on the device, as from `DeviceTracer.nearest_hits`
+    """
+    surfaces = DeviceSurfaces(tracer, triangles, (rays.height, rays.width))
+    launches, vertices = tracer.launches, tracer.launches.address_of(triangles)
+    for pixels in parts_of(rays, slice(0, rays.height)):
+        work, hits = nearest(pixels, rays_of_pixels(pixels, launches))
+        out = surfaces.buffers(pixels.first)
+        launches.launch("write_surfaces", (pixels, hits, vertices, out), pixels.n)
+        _move_receivers(tracer, out, vertices, work, threads)
     return surfaces
 
 

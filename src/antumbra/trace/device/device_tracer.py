@@ -190,9 +190,14 @@ class DeviceTracer(RayStages):
 
         cutouts : as for `trace_rays`
         """
-        chunk = self.traced(tree, rays, n, 0, False, threads)
+        return self.hits_of(tree, self.traced(tree, rays, n, 0, False, threads), cutouts, threads)
+
+    def hits_of(
+        self, tree: DeviceTree, chunk: Chunk, cutouts: CutoutTree | None, threads: int
+    ) -> tuple[Work, HitBuffers]:
+        """As `nearest_hits`, of a chunk of rays whose nearest hits in the tree are known."""
         sizes = zip(HitBuffers._fields, HIT_BYTES)
-        hits = HitBuffers(*(self.launches.block(name, size * n, "the hits").address for name, size in sizes))
+        hits = HitBuffers(*(self.launches.block(name, size * chunk.work.n, "the hits").address for name, size in sizes))
         self._report(tree, chunk, cutouts, hits, threads)
         return chunk.work, hits
 

@@ -214,7 +214,7 @@ def filter_triangle(triangles, slot):
 
 
 @inlined
-def _filter_ray(tree, o, d, tmin, tmax):
+def filter_ray(tree, o, d, tmin, tmax):
     """`FilterRays` of a ray in one lane; all arguments float32."""
     largest, reach = max_magnitude(d), larger(max_magnitude(o), largest_of(tree.reach))
     span = abs(d[0]) + abs(d[1]) + abs(d[2])
@@ -252,7 +252,7 @@ def walk(tree, r, j, any_hit, work):
     d = f(r.ray.dx), f(r.ray.dy), f(r.ray.dz)
     tmin, limit, lower = f(r.ray.tmin), f(r.ray.tmax), _INF
     best = np.int64(CLEAR if any_hit else NO_HIT)
-    box, line = slabs_of(tree, o, d, tmin), _filter_ray(tree, o, d, tmin, limit)
+    box, line = slabs_of(tree, o, d, tmin), filter_ray(tree, o, d, tmin, limit)
     stack, height, link = stack_i32(STACK), 0, np.int64(0)
     while True:
         link, height = _descend(tree, link, box, limit, stack, height)
@@ -305,7 +305,7 @@ def walk_candidates(tree, r, visitor):
     o = f(r.ray.ox), f(r.ray.oy), f(r.ray.oz)
     d = f(r.ray.dx), f(r.ray.dy), f(r.ray.dz)
     tmin = f(r.ray.tmin)
-    box, line = slabs_of(tree, o, d, tmin), _filter_ray(tree, o, d, tmin, f(r.ray.tmax))
+    box, line = slabs_of(tree, o, d, tmin), filter_ray(tree, o, d, tmin, f(r.ray.tmax))
     stack, height, link = stack_i32(STACK), 0, np.int64(0)
     while True:
         link, height = _descend(tree, link, box, get(visitor.limit, 0), stack, height)

@@ -54,6 +54,7 @@ from ..transmission import shares_of
 from .device_instances import ForestTracer
 from .device_kernels import KERNELS
 from .device_launches import DeviceLaunches
+from .device_rasteriser import draw_surfaces
 from .device_stages import CAPACITIES, Capacities
 from .device_surfaces import see_surfaces
 from .device_tracer import BUILDERS, DeviceTracer
@@ -334,10 +335,12 @@ def _compared_surfaces(device: Device) -> Iterator[Comparison]:
     origins = surface_receivers(*flat, cases.vertices.reshape(-1, 9), 1).reshape(*shape, 3)
     for capacities in _CAPACITIES:
         tracer = DeviceTracer(device, capacities)
-        found = see_surfaces(tracer, tracer.tree(cases.bvh), triangles, rays, None, 1)
-        yield from ((getattr(found, name), getattr(seen, name)) for name in ("position", "normal", "depth", "side"))
-        yield from ((found.face, seen.face), (found.origins, origins))
-        found.wide_normals()
+        drawn = draw_surfaces(tracer, triangles, rays, None, 1)
+        assert drawn is not None
+        for found in see_surfaces(tracer, tracer.tree(cases.bvh), triangles, rays, None, 1), drawn:
+            yield from ((getattr(found, name), getattr(seen, name)) for name in ("position", "normal", "depth", "side"))
+            yield from ((found.face, seen.face), (found.origins, origins))
+        drawn.wide_normals()
         normals = tracer.launches.block("normals", 0, "").read(np.empty((*shape, 3)))
         yield normals, seen.normal.astype(np.float64)
 
