@@ -445,8 +445,14 @@ def place_camera(camera: Any, pose: Pose) -> None:
 
 def same_place(a: Pose, b: Pose) -> bool:
     """Whether two poses have one position and one direction."""
-    forward = [(pose.target - pose.position) / np.linalg.norm(pose.target - pose.position) for pose in (a, b)]
-    return np.allclose(a.position, b.position, rtol=0.0, atol=1e-4) and np.allclose(*forward, rtol=0.0, atol=1e-4)
+    views = ((a.position, b.position), (_forward(a), _forward(b)))
+    return all(np.allclose(x, y, rtol=0.0, atol=1e-4) for x, y in views)
+
+
+def _forward(pose: Pose) -> NDArray[np.float64]:
+    forward = pose.target - pose.position
+    unit: NDArray[np.float64] = forward / np.linalg.norm(forward)
+    return unit
 
 
 def same_pose(a: Pose, b: Pose) -> bool:
