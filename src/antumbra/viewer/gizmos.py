@@ -188,7 +188,7 @@ class Gizmos:
         to_page = self._model.page_frame.to_page
         self._scene.add_icosphere("/point", _POINT, color=_SEEN, position=to_page(point.position))
         text = answer_of(point).replace(". ", ".\n")
-        self._scene.add_label("/answer", text, position=to_page(point.position), anchor="bottom-center")
+        self._scene.add_label("/answer", text, position=to_page(point.position), anchor="top-center")
         lines, colours = sight_lines(point)
         if len(lines):
             self._draw("/sights", to_page(lines), colours, 2.5)
