@@ -53,7 +53,7 @@ def test_the_other_side_of_a_surface_is_asked_if_one_looks_at_it(model):
 
 def test_beside_the_scene_there_is_nothing(model):
     assert probe(model, np.array([0.0, 9.0, 0.0]), -DOWN) is None
-    assert "Click a surface" in describe_point(None)
+    assert "Click or tap a surface" in describe_point(None)
 
 
 def test_the_panel_names_lights_and_blockers(model):

@@ -6,8 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+import antumbra as at
 from antumbra.viewer import progressive_pictures
-from antumbra.viewer.progressive_pictures import HAZE, PICTURE_STEPS, ClientView, TaskQueue, pose_of
+from antumbra.viewer.progressive_pictures import HAZE, PICTURE_STEPS, ClientView, TaskQueue, first_pose, pose_of
 from antumbra.viewer.viewer_model import Model
 from pages import CAMERA, SUN, box_on_floor
 
@@ -40,6 +41,7 @@ def looking(x=0.0, width=64, height=48):
 def viewing(monkeypatch):
     monkeypatch.setattr(progressive_pictures, "REST_DELAY", 0.02)
     monkeypatch.setattr(progressive_pictures, "DISPLAY_DELAY", 0.0)
+    monkeypatch.setattr(progressive_pictures, "FIRST_DELAY", 0.0)
     worker, drawn, browser = TaskQueue(lambda error: drawn.append(error)), [], Browser()
     made = ClientView(Model(box_on_floor(), SUN, CAMERA), worker, browser, drawn.append)
     made.worker, made.drawn, made.browser = worker, drawn, browser
@@ -100,3 +102,27 @@ def test_the_stand_in_is_seen_while_the_camera_moves(viewing):
             break
         asyncio.run(asyncio.sleep(0.01))
     assert viewing.browser.standin.visible is False
+
+
+def test_a_page_that_changes_its_shape_is_fitted_until_the_camera_moves(viewing):
+    viewing.model = Model(box_on_floor(), SUN, at.Camera((0.0, 1.0, 30.0), (0.0, 1.0, 0.0), vfov=40.0))
+    home = first_pose(viewing.model, 64, 48)
+    camera = looking()
+    viewing.go_home(camera)
+    assert camera.fov == home.vfov == pytest.approx(np.radians(40.0)) and (camera.position == home.position).all()
+    camera.image_width, camera.image_height = 32, 64
+    asyncio.run(viewing.look(camera))
+    assert np.tan(camera.fov / 2.0) == pytest.approx(2.0 * np.tan(home.vfov / 2.0))  # as much from side to side
+    assert viewing.pose.vfov == camera.fov
+    camera.position = camera.position + [1.0, 0.0, 0.0]
+    asyncio.run(viewing.look(camera))
+    seen, camera.image_width = camera.fov, 64
+    asyncio.run(viewing.look(camera))
+    assert camera.fov == seen and viewing.pose.width == 64
+
+
+def test_the_first_picture_is_no_stand_in(viewing):
+    viewing.put_proxy(b"")
+    asyncio.run(viewing.look(looking()))
+    assert viewing.browser.standin.visible is False
+    assert viewing.worker.wait(60.0) and viewing.browser.got[1] == (6, 8)

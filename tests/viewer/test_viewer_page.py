@@ -12,7 +12,7 @@ import antumbra as at
 from antumbra.viewer.viewer_page import checked_port
 from pages import CAMERA, SUN, box_on_floor, headless
 
-WAIT = 60.0  # seconds, at most
+WAIT = 120.0  # seconds, at most
 
 pytestmark = pytest.mark.programs
 
@@ -31,7 +31,7 @@ def viewer(chromium):
 
 @pytest.fixture
 def page(chromium, viewer):
-    opened = chromium.new_page(viewport={"width": 1000, "height": 400})
+    opened = chromium.new_page(viewport=SIZE)
     opened.goto(viewer.url)
     yield opened
     opened.close()
@@ -58,6 +58,7 @@ def red(found, y, x):
     return r > 2 * g and r > 2 * b and r > 60
 
 
+SIZE = {"width": 1324, "height": 400}  # the panel takes 324
 MIDDLE, NORTH, SOUTH = (200, 500), (140, 500), (262, 500)
 """Places of the page: the top of the box, and the floor beside it."""
 
@@ -73,14 +74,61 @@ def dark(found, place):
 def test_the_page_shows_the_scene_and_the_sun_moves_its_shadow(page):
     found = shown(page, lambda p: red(p, *MIDDLE) and bright(p, SOUTH) and dark(p, NORTH))
     assert len(np.unique(found.reshape(-1, 3), axis=0)) > 20
-    _, bearing, _ = page.get_by_role("slider").all()  # exposure, bearing, elevation
+    bearing, _, _ = page.get_by_role("slider").all()  # bearing, elevation, exposure
     bearing.press("Home")  # 0 degrees: the sun in the north
     shown(page, lambda p: bright(p, NORTH) and dark(p, SOUTH))
 
 
+PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
+PANEL = "[data-panel]"  # the head of the folded panel
+
+
+@pytest.fixture
+def phone(chromium, viewer):
+    context = chromium.new_context(**PHONE)
+    context.set_default_timeout(1000 * WAIT)  # software WebGL takes its time
+    opened = context.new_page()
+    opened.goto(viewer.url)
+    opened.locator(".mantine-Notification-closeButton").tap()  # the notice about software WebGL
+    yield opened
+    context.close()
+
+
+def test_on_a_phone_the_panel_opens_below_the_scene_and_its_sliders_change_the_picture(phone, viewer):
+    complaints = []
+    phone.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
+    phone.on("pageerror", lambda error: complaints.append(str(error)))
+    folded = phone.locator(PANEL).bounding_box()
+    assert folded["x"] == 0 and folded["width"] == 390 and folded["y"] > 700  # the rest is the scene's
+    phone.locator(PANEL).tap()
+    phone.wait_for_function(f"document.querySelector('{PANEL}').getBoundingClientRect().top < 600")
+    assert phone.evaluate("document.documentElement.scrollWidth") == 390
+    thumb = phone.get_by_role("slider").first.bounding_box()
+    assert min(thumb["width"], thumb["height"]) >= 24  # for thumbs
+    phone.wait_for_timeout(1000)  # until it has unfolded
+    height = int(phone.locator(PANEL).bounding_box()["y"])
+    middle, north, south = ((int(share * height), 195) for share in (0.5, 0.35, 0.65))
+    shown(phone, lambda p: red(p, *middle) and dark(p, north) and bright(p, south))
+    phone.get_by_role("slider").first.press("Home")  # the bearing: the sun in the north
+    shown(phone, lambda p: red(p, *middle) and bright(p, north) and dark(p, south))
+    assert not complaints
+
+
+def test_on_a_phone_a_tap_says_what_the_point_sees(phone, viewer):
+    shown(phone, lambda p: red(p, 400, 195))
+    phone.touchscreen.tap(195, 400)
+    phone.locator(PANEL).tap()
+    phone.get_by_text("In the sun. Sees 100 % of the sky.").wait_for(timeout=1000 * WAIT)
+
+
+def test_beside_the_panel_the_whole_canvas_is_the_scene(page):
+    panel = page.get_by_text("Antumbra: box & floor").bounding_box()
+    assert page.locator("canvas").first.bounding_box()["width"] <= panel["x"]
+
+
 def test_a_page_for_other_machines_works_with_its_token(chromium):
     with at.view(box_on_floor(), SUN, camera=CAMERA, host="0.0.0.0", port=0, browser=False) as viewer:
-        opened = chromium.new_page(viewport={"width": 1000, "height": 400})
+        opened = chromium.new_page(viewport=SIZE)
         opened.goto(viewer.url)
         shown(opened, lambda p: red(p, *MIDDLE))
         opened.reload()  # the client has written the address of its WebSocket into that of the page
@@ -91,7 +139,7 @@ def test_a_page_for_other_machines_works_with_its_token(chromium):
 
 def test_a_click_says_what_the_point_sees(page):
     shown(page, lambda p: red(p, *MIDDLE))
-    assert page.get_by_text("Click a surface").count() == 1
+    assert page.get_by_text("Click or tap a surface").count() == 1
     page.mouse.click(*NORTH[::-1])
     page.get_by_text("behind face").wait_for(timeout=1000 * WAIT)
     assert page.get_by_text("0 % of 256").count() == 1
@@ -130,7 +178,7 @@ def test_the_viewer_is_a_handle(viewer):
 
 def test_what_the_user_left_can_be_rendered(page, viewer):
     shown(page, lambda p: red(p, *MIDDLE))
-    _, bearing, _ = page.get_by_role("slider").all()  # exposure, bearing, elevation
+    bearing, _, _ = page.get_by_role("slider").all()  # bearing, elevation, exposure
     bearing.press("Home")
     shown(page, lambda p: dark(p, SOUTH) and bright(p, NORTH))
     np.testing.assert_allclose(viewer.camera.position, CAMERA.position, atol=1e-5)

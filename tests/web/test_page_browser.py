@@ -257,7 +257,7 @@ def test_two_clicks_measure_a_distance_and_the_sight_between(chromium, written):
         verdicts.append(found["seen"])
     assert set(verdicts) == {True, False}
     opened.page.locator("#ruler").click()
-    assert answer.inner_text() == "Click a place to see when it is in the sun."
+    assert answer.inner_text() == "Exact shadows, traced in your browser. Click a place to see when it is in the sun."
     assert opened.faults == []
 
 

@@ -17,6 +17,7 @@ from antumbra.picture.heat_maps import RAMP, linear_scale
 from antumbra.scene.height_tints import height_tints
 from antumbra.sun.location import Place, parse_zone
 from antumbra.sun.sun_positions import solar_angles, times_of
+from antumbra.viewer.page_html import ICON_ADDRESS
 from antumbra.web import page_export
 from antumbra.web.page_export import PageOptions, write_page
 from antumbra.web.page_source import PAGE, page_program
@@ -244,6 +245,7 @@ def test_a_page_allows_no_request(page):
     assert rules["style-src"] == f"'sha256-{digest_of(part_of(text, 'style'))}'"
     assert rules["img-src"] == "data:"
     before = re.sub(r' src="data:image/webp;base64,[\w+/=]+"', "", text.split("<script")[0], count=1)
+    before = before.replace(f' href="{ICON_ADDRESS}"', "", 1)
     assert not re.search(r"\s(src|href|style|on\w+)=", before)
     columns = page_export.Columns()
     page_export._add_geometry(columns, scene.triangles(), scene.data.object_of_face)

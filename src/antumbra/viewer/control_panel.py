@@ -9,11 +9,11 @@ from typing import Any
 
 from ..picture.png_files import png_file
 from ..scene.lights import DirectionalLight
-from .gizmos import Face, Probe, Sight
+from .gizmos import Face, Probe, Sight, answer_of
 from .progressive_pictures import TracedPicture
 from .viewer_model import BOX_TESTS, LIGHT_SHARE, SHADED, sun_angles
 
-_HINT = "Click a surface to see which lights reach it, and what blocks the others."
+_HINT = "Click or tap a surface to see which lights reach it, and what blocks the others."
 _STYLE = "margin: 0 1em; font-size: 0.8em; text-align: left"
 _NOWRAP = "white-space: nowrap"
 _STOPS = 6.0  # range of the exposure slider, in both directions
@@ -38,11 +38,11 @@ class Controls:
         self._status = self._gui.add_markdown("Preparing the first picture ...")
         self._legend: Any = None
         self._add_point()
-        self._add_picture()
         if self._model.scene.animated:
             self._add_time()
         if self._model.sun is not None:
             self._add_sun()
+        self._add_picture()
         self._add_lights()
 
     def show_picture(self, picture: TracedPicture) -> None:
@@ -83,33 +83,40 @@ class Controls:
         kinds = [SHADED, *(LIGHT_SHARE + lamp.name for lamp in model.editable_lights), BOX_TESTS]
         with gui.add_folder("Picture"):
             show = gui.add_dropdown("Show", kinds, initial_value=model.display.show)
-            plan = gui.add_text("Plan", model.display.plan, hint="The plan whose box tests are shown")
+            plan = gui.add_text("Plan", model.display.plan, hint="The plan whose box tests are shown", visible=False)
             stops = gui.add_slider(
                 "Exposure", -_STOPS, _STOPS, 0.1, 0.0, hint="In stops, relative to the automatic exposure"
             )
-            reset = gui.add_button("Reset exposure")
-            home, save = gui.add_button("Reset view"), gui.add_button("Save picture")
-        self._bind(show, lambda value: self._set_display(show=value))
+            actions = {"Reset view": self._reset_view, "Reset exposure": self._reset_exposure, "Save": self._save}
+            buttons = gui.add_button_group("", list(actions))
+        self._stops = stops
+
+        def show_kind(kind: str) -> None:
+            plan.visible = kind == BOX_TESTS
+            self._set_display(show=kind)
+
+        self._bind(show, show_kind)
         self._bind(plan, lambda value: self._set_display(plan=value))
         self._bind(stops, lambda value: self._set_display(stops=value))
 
-        async def reset_exposure(event: Any) -> None:
-            model.reset_exposure()
-            stops.value = 0.0
-            self._page.changed()
+        async def act(event: Any) -> None:
+            actions[event.target.value](event.client)
 
-        async def reset_view(event: Any) -> None:
-            self._page.show_first_view(event.client.camera)
+        buttons.on_click(self._page.listener(act))
 
-        async def save_picture(event: Any) -> None:
-            picture = self._page.latest(event.client.client_id)
-            if picture is not None:
-                event.client.send_file_download(
-                    f"{model.scene.name}.png", png_file(picture.image), save_immediately=True
-                )
+    def _reset_view(self, client: Any) -> None:
+        self._page.show_first_view(client.client_id, client.camera)
 
-        for button, act in (reset, reset_exposure), (home, reset_view), (save, save_picture):
-            button.on_click(self._page.listener(act))
+    def _reset_exposure(self, client: Any) -> None:
+        self._model.reset_exposure()
+        self._stops.value = 0.0
+        self._page.changed()
+
+    def _save(self, client: Any) -> None:
+        picture = self._page.latest(client.client_id)
+        if picture is not None:
+            name = f"{self._model.scene.name}.png"
+            client.send_file_download(name, png_file(picture.image), save_immediately=True)
 
     def _add_time(self) -> None:
         model = self._model
@@ -199,34 +206,7 @@ def describe_point(point: Probe | None) -> str:
     )
     head = "<tr><th>Light</th><th>Visible</th><th>Centre</th></tr>"
     table = f"<table style='border-spacing: 0.5em 0.1em; margin-left: -0.5em'>{head}{rows}</table>"
-    return f"<div style='{_STYLE}'>{_sentence(point)}<br>{_face(point.face)}, at {place}{table}</div>"
-
-
-ANSWERS = {
-    "inSun": "In the sun.",
-    "inShadow": "In the shade.",
-    "inShadowOf": "In the shade of {blocker}.",
-    "behind": "Faces away from the sun.",
-    "sky": "Sees {share} % of the sky.",
-}
-"""Sentences about a point, in the words of the page that `antumbra page` writes."""
-
-
-def _sentence(point: Probe) -> str:
-    """What a point sees, in words."""
-    sky, sun = ANSWERS["sky"].format(share=f"{100.0 * point.sky:.0f}"), point.sun
-    if sun is None:
-        return sky
-    blocker = "" if sun.blocker is None else escape(sun.blocker.object)
-    if sun.share == 1.0:
-        now = ANSWERS["inSun"]
-    elif sun.share > 0.0:
-        now = f"In penumbra: sees {100.0 * sun.share:.0f} % of the sun."
-    elif sun.blocker == point.face:
-        now = ANSWERS["behind"]
-    else:
-        now = ANSWERS["inShadowOf"].format(blocker=blocker) if blocker else ANSWERS["inShadow"]
-    return f"{now} {sky}"
+    return f"<div style='{_STYLE}'>{escape(answer_of(point))}<br>{_face(point.face)}, at {place}{table}</div>"
 
 
 def _blocked(sight: Sight) -> str:

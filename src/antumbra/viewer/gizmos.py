@@ -114,6 +114,34 @@ def _face(model: Model, index: int, corners: np.ndarray, owner: int) -> Face:
     return Face(index, name, corners)
 
 
+ANSWERS = {
+    "inSun": "In the sun.",
+    "inShadow": "In the shade.",
+    "inShadowOf": "In the shade of {blocker}.",
+    "behind": "Faces away from the sun.",
+    "sky": "Sees {share} % of the sky.",
+}
+"""Sentences about a point, in the words of the page that `antumbra page` writes."""
+
+
+def answer_of(point: Probe) -> str:
+    """What a point sees, in one or two sentences."""
+    sky, sun = ANSWERS["sky"].format(share=f"{100.0 * point.sky:.0f}"), point.sun
+    if sun is None:
+        return sky
+    if sun.share == 1.0:
+        now = ANSWERS["inSun"]
+    elif sun.share > 0.0:
+        now = f"In penumbra: sees {100.0 * sun.share:.0f} % of the sun."
+    elif sun.blocker == point.face:
+        now = ANSWERS["behind"]
+    elif sun.blocker is not None and sun.blocker.object:
+        now = ANSWERS["inShadowOf"].format(blocker=sun.blocker.object)
+    else:
+        now = ANSWERS["inShadow"]
+    return f"{now} {sky}"
+
+
 # --- Gizmos in the page -----------------------------------------------------------------------------------------------
 
 
@@ -152,13 +180,15 @@ class Gizmos:
                     self._put(lamp, place)
 
     def point_at(self, point: Probe | None) -> None:
-        """Show the sightlines of a point, red up to a blocker, and the blocking triangles."""
-        for name in "/point", "/sights", "/blockers":
+        """Show the answer at a point, its sightlines, red up to a blocker, and the blocking triangles."""
+        for name in "/point", "/answer", "/sights", "/blockers":
             self._scene.remove_by_name(name)
         if point is None:
             return
         to_page = self._model.page_frame.to_page
         self._scene.add_icosphere("/point", _POINT, color=_SEEN, position=to_page(point.position))
+        text = answer_of(point).replace(". ", ".\n")
+        self._scene.add_label("/answer", text, position=to_page(point.position), anchor="top-center")
         lines, colours = sight_lines(point)
         if len(lines):
             self._draw("/sights", to_page(lines), colours, 2.5)

@@ -30,8 +30,8 @@ from .viewer_model import BOX_TESTS, LIGHT_SHARE, Model, Pose, rotation_matrix
 # --- Priority queue ---------------------------------------------------------------------------------------------------
 
 
-CLICK, PICTURE, MESH, FINE = range(4)
-"""Ranks of tasks; lower ranks run first."""
+CLICK, PICTURE, MESH, FINE, NEW_MESH = range(5)
+"""Ranks of tasks; lower ranks run first. A proxy mesh in new light comes last, because it keeps the browser busy."""
 
 
 class Interrupted(Exception):
@@ -298,8 +298,12 @@ REST_DELAY = 0.15
 DISPLAY_DELAY = 0.1
 """Seconds until a browser shows a picture."""
 
+FIRST_DELAY = 0.2
+"""Seconds between the coarsest picture and the next; a browser without a GPU needs the cores to draw it."""
+
 _QUICK_SPP = 4  # most shadow rays per pixel and light of pictures traced at the rank PICTURE
 _QUALITY = 92  # of JPEG
+_FARTHEST = 1e9  # page units: largest coordinate of a camera
 _MAX_SIDE = 1 << 14  # most pixels along a side of a page
 
 HAZE = np.repeat(np.linspace((150, 178, 214), (226, 229, 233), 64).round().astype(np.uint8)[:, None], 16, axis=1)
@@ -322,6 +326,7 @@ class ClientView:
         self.model, self._worker, self._client, self._on_sent = model, worker, client, on_sent
         self.name = f"picture {client.client_id}"
         self.pose: Pose | None = None
+        self._home: Pose | None = None  # where the page began to look from
         self._level = self._changes = 0
         self._proxy: Any = None
         self._navigating = False  # whether the proxy mesh is visible instead of a picture
@@ -329,22 +334,33 @@ class ClientView:
         self._client.scene.set_background_image(HAZE, "png")
 
     async def look(self, camera: Any) -> None:
-        """Update the camera from the browser."""
+        """Update the camera from the browser. A page that changes its shape before the camera moves is fitted again."""
         pose = pose_of(camera)
         if pose is None or (self.pose is not None and same_pose(pose, self.pose)):
             return
-        first, self.pose = self.pose is None, pose
+        if self._home is not None and same_place(pose, self._home) and not same_pose(pose, self._home):
+            self.go_home(camera)
+            pose = pose_of(camera) or pose
+        self.pose = pose
         self.model.last_camera = self.model.page_frame.camera(pose)
-        if self._proxy is not None and not self._navigating:
+        stand_in = self._proxy is not None and self.latest is not None
+        if stand_in and not self._navigating:
             self._navigating = True
             self._proxy.visible = True
             self._client.scene.set_background_image(HAZE, "png")
-        self.begin(REST_DELAY if self._proxy is not None and not first else 0.0)
+        self.begin(REST_DELAY if stand_in else 0.0)
+
+    def go_home(self, camera: Any) -> None:
+        """Move the browser's camera to the first view, which fits the page."""
+        pose = pose_of(camera)
+        if pose is not None:
+            self._home = first_pose(self.model, pose.width, pose.height)
+            place_camera(camera, self._home)
 
     def begin(self, after: float) -> None:
         """Restart with the coarsest picture after a delay in seconds."""
         self._level, self._changes = 0, self._changes + 1
-        self._worker.submit(self.name, PICTURE, self._draw_quick, after)
+        self._worker.submit(self.name, PICTURE, self._draw_first, after)
 
     def leave(self) -> None:
         """Stop: the browser has disconnected."""
@@ -355,25 +371,39 @@ class ClientView:
         """Send the proxy mesh, a GLB file, to the browser."""
         self._proxy = self._client.scene.add_glb("/proxy", data, visible=self._navigating)
 
-    def _draw_quick(self, check: Callable[..., None]) -> None:
-        self._draw(check, _QUICK_SPP)
-        if self._level < len(steps_of(self.model)):
-            self._worker.submit(self.name, FINE, self._draw)
+    def _draw_first(self, check: Callable[..., None]) -> None:
+        """Trace the coarsest picture, then leave the cores to the browser until it has drawn it."""
+        self._draw(check, 1, PICTURE, self._draw_quick, FIRST_DELAY)
 
-    def _draw(self, check: Callable[..., None], most: int | None = None) -> None:
-        """Trace the remaining pictures, up to `most` shadow rays. The coarsest one is always completed."""
-        steps = steps_of(self.model)
-        while self.pose is not None and self._level < len(steps):
-            step, pose, changes = steps[self._level], self.pose, self._changes
-            if most is not None and step.spp > most:
-                return
+    def _draw_quick(self, check: Callable[..., None]) -> None:
+        quick = sum(step.spp <= _QUICK_SPP for step in steps_of(self.model))
+        self._draw(check, quick, FINE, self._draw_fine)
+
+    def _draw_fine(self, check: Callable[..., None]) -> None:
+        self._draw(check, len(steps_of(self.model)))
+
+    def _draw(
+        self,
+        check: Callable[..., None],
+        end: int,
+        rank: int = FINE,
+        after: Callable[..., None] | None = None,
+        delay: float = 0.0,
+    ) -> None:
+        """Trace the remaining pictures before `end`, then queue what comes after. The coarsest is always completed."""
+        steps, changes = steps_of(self.model), self._changes
+        while self.pose is not None and self._level < end:
+            step, pose = steps[self._level], self.pose
             camera = self.model.page_frame.camera(pose)
             picture = trace_picture(self.model, camera, step, check if self._level else lambda *_: None)
             if self.pose is None or (self.pose is not pose and self._proxy is not None):
                 return
             self._send(picture)
-            if self._changes == changes:
-                self._level += 1
+            if self._changes != changes:
+                return  # `begin` has queued the next picture
+            self._level += 1
+        if after is not None and self._level < len(steps) and self._changes == changes:
+            self._worker.submit(self.name, rank, after, delay)
 
     def _send(self, picture: TracedPicture) -> None:
         kind = "png" if picture.legend is not None else "jpeg"
@@ -397,10 +427,32 @@ def pose_of(camera: Any) -> Pose | None:
     wxyz, fov = np.array(camera.wxyz, np.float64), float(camera.fov)
     if not (1 <= min(size) <= max(size) <= _MAX_SIDE and position.shape == (3,) and wxyz.shape == (4,)):
         return None
-    if not (np.isfinite(position).all() and abs(np.linalg.norm(wxyz) - 1.0) < 1e-3 and 0.0 < fov < np.pi):
+    if not (np.abs(position).max() <= _FARTHEST and abs(np.linalg.norm(wxyz) - 1.0) < 1e-3 and 0.0 < fov < np.pi):
         return None
     _, down, forward = rotation_matrix(wxyz).T
     return Pose(position, position + forward, -down, fov, *size)
+
+
+def first_pose(model: Model, width: int, height: int) -> Pose:
+    """Where a page of this size begins to look from."""
+    return model.page_frame.first_pose(model.first_camera(width, height))
+
+
+def place_camera(camera: Any, pose: Pose) -> None:
+    """Move a camera of viser."""
+    camera.position, camera.look_at, camera.fov = pose.position, pose.target, pose.vfov
+
+
+def same_place(a: Pose, b: Pose) -> bool:
+    """Whether two poses have one position and one direction."""
+    views = ((a.position, b.position), (_forward(a), _forward(b)))
+    return all(np.allclose(x, y, rtol=0.0, atol=1e-4) for x, y in views)
+
+
+def _forward(pose: Pose) -> NDArray[np.float64]:
+    forward = pose.target - pose.position
+    unit: NDArray[np.float64] = forward / np.linalg.norm(forward)
+    return unit
 
 
 def same_pose(a: Pose, b: Pose) -> bool:

@@ -8,7 +8,6 @@ the page through viser's relay on the internet. Only messages that our page send
 """
 
 import asyncio
-import gzip
 import importlib
 import logging
 import secrets
@@ -16,7 +15,6 @@ import socket
 import threading
 from collections.abc import Awaitable, Callable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import cache
 from http import HTTPStatus
 from ipaddress import ip_address
 from typing import Any
@@ -25,6 +23,7 @@ from urllib.parse import urlsplit
 from ..base.checks import quoted
 from ..base.errors import InputError
 from ..base.wording import counted
+from .page_html import with_our_look
 
 LOG = logging.getLogger("antumbra.viewer")
 
@@ -107,7 +106,7 @@ class Guard:
             )
         if self.token:
             request = type(request)(request.path.removeprefix(f"/{self.token}") or "/", request.headers)
-        return _titled(serve(connection, request))
+        return with_our_look(serve(connection, request))
 
 
 @contextmanager
@@ -200,23 +199,6 @@ def _token_of(path: str) -> str:
 
 def _quoted_list(values: list[str]) -> str:
     return one_line(", ".join(map(repr, values))) or "a request without Host"
-
-
-def _titled(response: Any) -> Any:
-    """A response of viser, whose page gets our title."""
-    if response is not None and response.headers.get("Content-Type", "").startswith("text/html"):
-        compressed = response.headers.get("Content-Encoding") == "gzip"
-        response.body = _page(response.body, compressed)
-        del response.headers["Content-Length"]  # headers may repeat, so an assignment would add another one
-        response.headers["Content-Length"] = str(len(response.body))
-    return response
-
-
-@cache
-def _page(body: bytes, compressed: bool) -> bytes:
-    page = gzip.decompress(body) if compressed else body
-    page = page.replace(b"<title>Viser</title>", b"<title>Antumbra</title>", 1)
-    return gzip.compress(page) if compressed else page
 
 
 def _guarded(handler: Callable[[Any], Awaitable[None]], guard: Guard) -> Callable[[Any], Awaitable[None]]:

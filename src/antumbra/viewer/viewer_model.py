@@ -296,12 +296,15 @@ class Model:
         return self.scene.data.resident
 
     def first_camera(self, width: int, height: int) -> Camera:
-        """The camera of a new page."""
-        if self._camera is not None:
-            return self._camera.resized(width, height)
-        if self.scene.cameras:
-            return self.scene.camera(0, self.time).resized(width, height)
-        return self.scene.default_camera(width, height)
+        """The camera of a new page. Upright pages show as much from side to side as square ones."""
+        if self._camera is None and not self.scene.cameras:
+            return self.scene.default_camera(width, height)
+        camera = (self._camera or self.scene.camera(0, self.time)).resized(width, height)
+        if height <= width:
+            return camera
+        slope = np.tan(np.radians(camera.vfov) / 2.0) * height / width
+        vfov = float(np.degrees(2.0 * np.arctan(slope)))
+        return Camera(camera.position, camera.target, camera.up, vfov, width, height)
 
     def ground(self, camera: Camera) -> float | bool:
         """The height of the ground on which shadows show, as in pictures of `antumbra render`; False: there is none."""

@@ -27,7 +27,19 @@ from ..scene.triangles import Triangles
 from ..sun.location import Place
 from .control_panel import Controls
 from .gizmos import Gizmos, probe
-from .progressive_pictures import CLICK, MESH, Check, ClientView, Step, TaskQueue, TracedPicture, trace_picture
+from .progressive_pictures import (
+    CLICK,
+    MESH,
+    NEW_MESH,
+    Check,
+    ClientView,
+    Step,
+    TaskQueue,
+    TracedPicture,
+    first_pose,
+    place_camera,
+    trace_picture,
+)
 from .proxy_mesh import ProxyMesh, glb_of, proxy_colours, proxy_light, proxy_mesh
 from .request_guard import LOG, Guard, guarding, one_line
 from .viewer_model import Model
@@ -104,7 +116,7 @@ class Page:
         for client_view in list(self._views.values()):
             client_view.begin(0.0)
         if self._proxy is not None:
-            self.worker.submit("proxy mesh", MESH, self._bake_proxy, _SETTLED)
+            self.worker.submit("proxy mesh", NEW_MESH, self._bake_proxy, _SETTLED)
 
     def show_error(self, error: Exception) -> None:
         """Show an error in the panel."""
@@ -120,14 +132,14 @@ class Page:
     def _set_up_scene(self) -> None:
         scene, page_frame = self.server.scene, self.model.page_frame
         self.server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
+        self.server.gui.main_panel.dock_right()  # beside the scene, not over it
         scene.set_up_direction(tuple(page_frame.up))
         scene.world_axes.visible = False
-        self.show_first_view(self.server.initial_camera)
+        place_camera(self.server.initial_camera, first_pose(self.model, 1024, 1024))
 
-    def show_first_view(self, camera: Any) -> None:
-        """Move a camera of viser to where a new page looks from."""
-        pose = self.model.page_frame.first_pose(self.model.first_camera(1024, 1024))
-        camera.position, camera.look_at, camera.fov = pose.position, pose.target, pose.vfov
+    def show_first_view(self, client_id: int, camera: Any) -> None:
+        """Move the camera of a browser to where a new page looks from."""
+        self._views[client_id].go_home(camera)
 
     def latest(self, client_id: int) -> TracedPicture | None:
         """The picture that a browser shows; None before the first one."""
@@ -138,6 +150,7 @@ class Page:
         client_view = self._views[client.client_id] = ClientView(self.model, self.worker, client, self._on_sent)
         if self._proxy is not None:
             client_view.put_proxy(self._proxy)
+        client_view.go_home(client.camera)
         client.camera.on_update(self.listener(client_view.look))
         await client_view.look(client.camera)
 

@@ -27,6 +27,7 @@ from ..scene.scene_data import MemoryData
 from ..scene.triangles import Triangles
 from ..sun.location import Place
 from ..version import VERSION
+from ..viewer.page_html import ICON_ADDRESS
 from ..work.scene_records import scene_digest
 from .kernel_module import kernel_module
 from .page_columns import Columns, distinct_rows
@@ -256,6 +257,7 @@ def _html(about: dict[str, Any], data: str, options: PageOptions, still: bytes) 
     text = template.substitute(
         language=options.language,
         policy=policy,
+        icon=ICON_ADDRESS,
         version=VERSION,
         title=escape(options.title),
         credits=escape(options.credits or f"Antumbra {VERSION}"),

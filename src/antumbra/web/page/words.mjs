@@ -68,7 +68,10 @@ const TABLE = {
   night: ["The sun is below the horizon", "Die Sonne steht unter dem Horizont"],
 
   // answers
-  hint: ["Click a place to see when it is in the sun.", "Auf eine Stelle klicken, um zu fragen, wann dort Sonne ist."],
+  hint: [
+    "Exact shadows, traced in your browser. Click a place to see when it is in the sun.",
+    "Genaue Schatten, im Browser berechnet. Auf eine Stelle klicken, um zu fragen, wann dort Sonne ist.",
+  ],
   hintSky: [
     "Click a place to see how much of the sky it sees.",
     "Auf eine Stelle klicken, um zu fragen, wie viel Himmel sie sieht.",
