@@ -31,7 +31,7 @@ THUMBNAIL = 400, 250  # pixels
 WIDEST = 1280  # pixels of a picture
 
 PARTS = {
-    "comparison": (0.0, 0.02, 0.5),
+    "comparison": (0.0, 0.0, 0.5),
     "culling": (0.0, 0.12, 0.333),
     "dataset": (0.0, 0.0, 0.5),
     "heat_map": (0.0, 0.12, 0.5),
