@@ -267,8 +267,8 @@ BOXES = {
     "A": (170.0, 60.0, 26.0, 90.0),
     "B": (240.0, 96.0, 60.0, 40.0),
     "C": (235.0, 180.0, 60.0, 36.0),
-    "D": (330.0, 66.0, 30.0, 110.0),
-    "E": (320.0, 215.0, 40.0, 100.0),
+    "D": (326.0, 66.0, 30.0, 110.0),
+    "E": (316.0, 215.0, 40.0, 100.0),
 }
 
 
@@ -312,7 +312,7 @@ def chc_rt() -> str:
             box(bx, by, w, h, PALE if name in seen else "white"),
             text(bx + w / 2, by + h / 2 + 5, name, 13, anchor="middle"),
         ]
-    parts += [dot(*EYE, INK, 5), f'<rect x="362" y="0" width="{WIDTH - 362}" height="{HEIGHT}" rx="8" fill="white"/>']
+    parts += [dot(*EYE, INK, 5), f'<rect x="360" y="0" width="{WIDTH - 360}" height="{HEIGHT}" rx="8" fill="white"/>']
     parts.append(f'<rect width="{WIDTH}" height="44" rx="8" fill="white"/>')
     parts.append(text(182, 28, "Rays of a tile stop at what is in front", 15, anchor="middle"))
     parts.append(text(560, 28, "Pairs of tile and node", 15, anchor="middle"))
