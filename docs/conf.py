@@ -41,6 +41,7 @@ extensions = [
     "raised",
     "registries",
     "search_words",
+    "sidebar",
     "whole",
     "shown",
 ]

@@ -1,4 +1,4 @@
-"""Bakes ambient occlusion and the light of a sun into glTF files: python examples/bake.py [FOLDER]
+"""Bake ambient occlusion and sunlight into glTF files: python examples/bake.py [FOLDER]
 
 The scene is the temple that comes with the package. The texture needs an atlas: pip install 'antumbra[bake]'
 """

@@ -1,4 +1,4 @@
-"""What a new building takes from its neighbours, per dwelling: python examples/before_and_after.py [FOLDER]
+"""How much sun a new building costs its neighbours, per dwelling: python examples/before_and_after.py [FOLDER]
 
 Requires pvlib for the position of the sun: pip install 'antumbra[sun,gis]'
 """

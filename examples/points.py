@@ -1,4 +1,4 @@
-"""Hours of sunshine per day at sensors in a city: python examples/points.py [FOLDER]
+"""Daily sun hours at sensors in a city: python examples/points.py [FOLDER]
 
 Requires pvlib for the position of the sun: pip install 'antumbra[sun]'
 """

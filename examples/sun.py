@@ -1,4 +1,4 @@
-"""Hours of sun in a city in spring, and whether a garden and dwellings get enough: python examples/sun.py [FOLDER]
+"""Sun hours of a city in spring, and whether a garden and dwellings get enough: python examples/sun.py [FOLDER]
 
 Requires pvlib for the position of the sun: pip install 'antumbra[sun]'
 """

@@ -1,4 +1,4 @@
-"""A ball with and without a texture and smooth normals: python textures.py FOLDER
+"""A ball with and without a texture and smooth normals: python examples/textures.py FOLDER
 
 All three pictures have the same shadows, because textures and normals change only the shading.
 """

@@ -1,13 +1,14 @@
 """Generates the pictures of the docs by running the programs of docs/gallery/ and examples/.
 
-    python scripts/gallery.py [--only NAME ...] [--quick] [--output FOLDER]
+    python scripts/gallery.py [--only NAME ...] [--quick] [--thumbnails] [--output FOLDER]
 
 A program of docs/gallery/ writes NAME.png into the current folder, which becomes docs/images/gallery/NAME.webp and its
 thumbnail small/NAME.webp; or NAME.webp, a film, which is kept as it is. The picture and the output of examples/NAME.py
 go to docs/images/examples/.
 
 Real scenes come from the folder $ANTUMBRA_SCENES. Without it, programs that need them are skipped with a message, and
-keep their old pictures. --quick makes tiny pictures, as the tests do; FOLDER replaces docs/images.
+keep their old pictures. --quick makes tiny pictures, as the tests do; --thumbnails makes only thumbnails, of the
+pictures in FOLDER, which replaces docs/images.
 """
 
 import argparse
@@ -28,6 +29,18 @@ PROGRAMS, EXAMPLES = ROOT / "docs" / "gallery", ROOT / "examples"
 IMAGES = ROOT / "docs" / "images"
 THUMBNAIL = 400, 250  # pixels
 WIDEST = 1280  # pixels of a picture
+
+PARTS = {
+    "comparison": (0.0, 0.0, 0.5),
+    "culling": (0.0, 0.12, 0.333),
+    "dataset": (0.0, 0.0, 0.5),
+    "heat_map": (0.0, 0.12, 0.5),
+    "horizon": (0.08, 0.1, 0.72),
+    "map_sheet": (0.154, 0.22, 0.612),
+    "ray_hierarchy": (0.35, 0.06, 0.66),
+    "shadow_map": (0.1, 0.19, 0.68),
+}
+"""Left, upper and right edge of what the thumbnail of a chart shows, as fractions of the width and height."""
 
 CREDITS = {
     "delft_city": "Model: a part of Delft, by 3dfier of TU Delft, from the open data BGT and AHN.",
@@ -171,7 +184,7 @@ def run_example(program: Program, folder: Path) -> tuple[str, Path | None]:
 
 def keep(picture: Path, target: Path, thumbnail: Path | None = None) -> None:
     """Write a picture as WebP, and its thumbnail."""
-    from PIL import Image, ImageOps
+    from PIL import Image
 
     image = Image.open(picture).convert("RGB")
     image.thumbnail((WIDEST, 4 * WIDEST), Image.Resampling.LANCZOS)
@@ -181,8 +194,22 @@ def keep(picture: Path, target: Path, thumbnail: Path | None = None) -> None:
     else:
         image.save(target, quality=82, method=6)
     if thumbnail is not None:
-        thumbnail.parent.mkdir(parents=True, exist_ok=True)
-        ImageOps.fit(image, THUMBNAIL, Image.Resampling.LANCZOS).save(thumbnail, quality=78, method=6)
+        keep_thumbnail(target, thumbnail)
+
+
+def keep_thumbnail(picture: Path, thumbnail: Path) -> None:
+    """Write the thumbnail of a picture: its middle, or its part in `PARTS`; of a film, the frame in the middle."""
+    from PIL import Image, ImageOps
+
+    image = Image.open(picture)
+    image.seek(getattr(image, "n_frames", 1) // 2)
+    if picture.stem in PARTS:
+        left, upper, right = PARTS[picture.stem]
+        x, y, width = left * image.width, upper * image.height, (right - left) * image.width
+        image = image.crop((round(x), round(y), round(x + width), round(y + width * THUMBNAIL[1] / THUMBNAIL[0])))
+    thumbnail.parent.mkdir(parents=True, exist_ok=True)
+    small = ImageOps.fit(image.convert("RGB"), THUMBNAIL, Image.Resampling.LANCZOS)
+    small.save(thumbnail, quality=78, method=6)
 
 
 def make(program: Program, quick: bool, output: Path) -> None:
@@ -205,12 +232,20 @@ def main() -> None:
         "--only", nargs="+", metavar="NAME", help="soft_shadows, examples/minimal.py, ...; default: all"
     )
     parser.add_argument("--quick", action="store_true", help="tiny pictures")
+    parser.add_argument("--thumbnails", action="store_true", help="only thumbnails, of the pictures in FOLDER")
     parser.add_argument("--output", type=Path, default=IMAGES, metavar="FOLDER")
     options = parser.parse_args()
     known = {each.name: each for each in programs()} | {each.place: each for each in examples()}
     if unknown := set(options.only or ()) - set(known):
         parser.error(f"no program {', '.join(sorted(unknown))}; there are {', '.join(known)}")
     for name in options.only or known:
+        if options.thumbnails:
+            if known[name].path.parent == PROGRAMS:
+                kept = (
+                    options.output / path.relative_to(IMAGES) for path in (known[name].picture, known[name].thumbnail)
+                )
+                keep_thumbnail(*kept)
+            continue
         if lacking := missing(known[name]):
             lacks = ", ".join(lacking)
             print(f"{name}: SKIPPED, {lacks} is not in ANTUMBRA_SCENES; its old picture stays", file=sys.stderr)

@@ -32,8 +32,8 @@ INTRODUCTION = """
 This page lists what the five papers claim, with their numbers, ours, and a verdict. It is generated: our numbers and
 the verdicts are computed from the results in `results/NAME.json`, and follow each new measurement.
 
-A range is that of our scenes, views or frames. Unless the row says otherwise, the method is the paper's own as
-published (such as `multifrusta:paper`), not the one that Antumbra uses, and a claim of a range of factors holds if our
+Ranges are over our scenes, views or frames. Unless the row says otherwise, the method is the paper's own as
+published (such as `multifrusta:paper`), not the one that Antumbra uses, and a claimed range of factors holds if our
 median reaches its lower end. The papers measured on other machines, mostly on GPUs, and on other scenes.
 *Measured once* marks numbers that are not among the results.
 """
@@ -120,7 +120,7 @@ def section(name: str, title: str, results: dict[str, Any]) -> str:
     failed = [_line(row) for row in rows if row.verdict == FAILS]
     return (
         f"## What does not hold here\n\n{summary}\n\n{_bullets(failed)}\n"
-        f"What to know about these numbers:\n\n{_bullets(conditions(name, results))}"
+        f"Notes on these numbers:\n\n{_bullets(conditions(name, results))}"
     )
 
 
@@ -140,7 +140,7 @@ def page(titles: dict[str, str], results: dict[str, dict[str, Any]], mark: str) 
         ]
         table = "\n".join(lines)
         know = _bullets(conditions(name, results[name]))
-        parts.append(f"## {title}\n\nMeasured as [its page]({name}.md) says.\n\n{table}\n\n{know}")
+        parts.append(f"## {title}\n\n[Its page]({name}.md) says how we measured.\n\n{table}\n\n{know}")
     count = (
         f"Of {total.total()} claims, {total[HOLDS]} hold, {total[FAILS]} do not, and {total[UNTRIED]} were not tried."
     )

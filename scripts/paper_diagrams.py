@@ -49,9 +49,13 @@ def text(x: float, y: float, words: str, size: int = 14, fill: str = INK, anchor
     return f'<text x="{x:.1f}" y="{y:.1f}" font-size="{size}" fill="{fill}" text-anchor="{anchor}">{words}</text>'
 
 
-def picture(title: str, parts: list[str]) -> str:
-    """An SVG file with a white ground, which stays readable on dark pages."""
-    head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" font-family="sans-serif">'
+def picture(title: str, parts: list[str], halves: bool = True) -> str:
+    """An SVG file with a white ground, which stays readable on dark pages.
+
+    halves : whether its left and right half stand alone; phones show one below the other (docs/_ext/charts.py)
+    """
+    mark = ' data-halves=""' if halves else ""
+    head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" font-family="sans-serif"{mark}>'
     ground = f'<rect width="{WIDTH}" height="{HEIGHT}" rx="8" fill="white"/>'
     return "\n".join([head, f"<title>{title}</title>", ground, *parts, "</svg>"]) + "\n"
 
@@ -152,7 +156,7 @@ def pre_bvh_culling() -> str:
         text(18, 296, legend, 13, GREY),
         text(18, 316, "triangles touch a marked cell. Only these go into the BVH.", 13, GREY),
     ]
-    return picture("A grid in which only the triangles between receivers and light remain", parts)
+    return picture("A grid in which only the triangles between receivers and light remain", parts, halves=False)
 
 
 # --- SRDH: the same triangles, ordered by shadow rays -----------------------------------------------------------------
@@ -263,8 +267,8 @@ BOXES = {
     "A": (170.0, 60.0, 26.0, 90.0),
     "B": (240.0, 96.0, 60.0, 40.0),
     "C": (235.0, 180.0, 60.0, 36.0),
-    "D": (330.0, 66.0, 30.0, 110.0),
-    "E": (320.0, 215.0, 40.0, 100.0),
+    "D": (326.0, 66.0, 30.0, 110.0),
+    "E": (316.0, 215.0, 40.0, 100.0),
 }
 
 
@@ -308,9 +312,9 @@ def chc_rt() -> str:
             box(bx, by, w, h, PALE if name in seen else "white"),
             text(bx + w / 2, by + h / 2 + 5, name, 13, anchor="middle"),
         ]
-    parts += [dot(*EYE, INK, 5), f'<rect x="400" y="0" width="{WIDTH - 400}" height="{HEIGHT}" rx="8" fill="white"/>']
+    parts += [dot(*EYE, INK, 5), f'<rect x="360" y="0" width="{WIDTH - 360}" height="{HEIGHT}" rx="8" fill="white"/>']
     parts.append(f'<rect width="{WIDTH}" height="44" rx="8" fill="white"/>')
-    parts.append(text(200, 28, "Rays of a tile stop at what is in front", 15, anchor="middle"))
+    parts.append(text(182, 28, "Rays of a tile stop at what is in front", 15, anchor="middle"))
     parts.append(text(560, 28, "Pairs of tile and node", 15, anchor="middle"))
     for k, colour in enumerate(FOUR):
         parts += [box(436, 66 + 46 * k, 12, 34, colour, "none"), text(432, 88 + 46 * k, f"{k + 1}", 13, GREY, "end")]

@@ -168,8 +168,8 @@ def _tables(tables: dict[str, dict[str, Any]]) -> str:
     lines = [heads, ["---"] * len(heads), *[[escaped(str(cell)) for cell in row] for row in rows]]
     table = "".join(f"| {' | '.join(line)} |\n" for line in lines)
     return (
-        f"\n{table}\nLoad: processes that ran or waited, a mean over a minute. Rounds: the fewest and the most of any "
-        "timing; a row with few says so, and a table without rounds has counts, or frames that were measured once.\n"
+        f"\n{table}\nLoad is how many processes ran or waited, averaged over a minute. Rounds are the fewest and "
+        "the most of any timing; rows with few say so. Tables without rounds list counts, or frames measured once.\n"
     )
 
 
@@ -232,13 +232,20 @@ def _frames(asked: int, results: dict[str, Any]) -> str:
 def _alt(name: str, picture: str) -> str:
     fixed = {f"{name}.png": f"Plot of antumbra bench {name}"}
     fixed[f"{name}-comparison.png"] = f"The paper's values and ours, side by side, by antumbra bench {name}"
-    return fixed.get(picture, picture.removesuffix(".png"))
+    words = picture.removesuffix(".png").removeprefix(f"{name}-").replace("-", " ")
+    return fixed.get(picture, re.sub(r" ?figure ?(\d+)$", r": Figure \1", words).lstrip(": "))
+
+
+def _in_order(figure: Path) -> tuple[str, int]:
+    """Sorts figures by scene, then by number."""
+    scene, _, number = figure.stem.rpartition("-")
+    return scene, int(number)
 
 
 def pictures_of(name: str, folder: Path) -> list[Path]:
     """The comparison with the paper, the plot of a benchmark, and its figures."""
     figures = [path for path in sorted(folder.glob(f"{name}-*.png")) if path.stem != f"{name}-comparison"]
-    figures += sorted(folder.glob("*-figure-*.png")) if name == "chc-rt" else []
+    figures += sorted(folder.glob("*-figure-*.png"), key=_in_order) if name == "chc-rt" else []
     first = [folder / f"{name}-comparison.png", folder / f"{name}.png"]
     return [path for path in dict.fromkeys([*first, *figures]) if path.is_file()]
 

@@ -1,7 +1,8 @@
 """A summary on top of each page of the reference: its names, or those of the pages below it, and what each is.
 
 Rows of names on other pages have the anchors of these names and of their members, so that an address such as
-api/scenes.html#antumbra.Scene leads to the row that links to the page of the class.
+api/scenes.html#antumbra.Scene leads to the row that links to the page of the class. Members that are documented apart
+from their class have rows of their own.
 """
 
 import inspect
@@ -51,7 +52,7 @@ def add_summary(app, doctree, page: str) -> None:
         return
     objects, below = app.env.domains["py"].objects, app.env.toctree_includes.get(page, [])
     names = names_of(objects, below or [page])
-    shown = [name for name in names if not (below and is_member(name, objects))]
+    shown = [name for name in names if not (below and is_member(name, objects) and name.rpartition(".")[0] in names)]
     if len(shown) < 2:
         return
     rows = [[f"`{short(each, objects)}`", summary_of(each)] for each in shown]

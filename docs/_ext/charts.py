@@ -1,6 +1,7 @@
 """Charts and diagrams, which dark pages show inverted and narrow screens scroll: pictures on a mostly white ground.
 
-Pictures with a white border only, such as renders with titles, become sheets: dark pages frame them.
+Pictures with a white border only, such as renders with titles, become sheets: dark pages frame them. A diagram whose
+halves stand alone (scripts/paper_diagrams.py) is two parts side by side, which phones show one below the other.
 """
 
 from functools import cache
@@ -41,10 +42,23 @@ def mark(app, doctree, page: str) -> None:
         if kind is None:
             continue
         image["classes"].append(kind)
-        if kind == "chart" and isinstance(image.parent, nodes.paragraph | nodes.section):
-            frame = nodes.container(classes=["wide-chart"])
+        if isinstance(image.parent, nodes.paragraph | nodes.section):
+            parts = halves(image) if has_halves(path) else [image]
+            frame = nodes.container(classes=["wide-chart" if len(parts) == 1 else "halves"])
             image.replace_self(frame)
-            frame += image
+            frame += parts
+
+
+def has_halves(path: Path) -> bool:
+    """Whether a diagram is marked as one of two halves."""
+    return path.suffix == ".svg" and " data-halves" in path.read_text(encoding="utf-8")[:600]
+
+
+def halves(image: nodes.image) -> list[nodes.container]:
+    """The left and the right half of a diagram: the whole picture twice, of which each part shows one half."""
+    right = image.deepcopy()
+    right["alt"] = ""  # the first has the text for both
+    return [nodes.container("", image.deepcopy()), nodes.container("", right)]
 
 
 def setup(app):

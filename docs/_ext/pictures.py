@@ -1,15 +1,18 @@
 """Programs with the pictures that they made, see `scripts/gallery.py`.
 
-Each program of docs/gallery/ is the source of a page. ``{gallery}`` has lines "Group: NAME ...", and shows a thumbnail
-of each, linked to its page. ``{examples}`` has a section for each program of examples/, with what it drew and printed.
+Each program of docs/gallery/ is the source of a page. gallery.md shows their thumbnails in tables, which read well on
+GitHub too; here they become a grid that fits the screen, and a table of contents. ``{examples}`` has a section for each
+program of examples/, with what it drew and printed.
 """
 
+import re
 from pathlib import Path
 
 import gallery
 from docutils import nodes
 from myst_parser.parsers.sphinx_ import MystParser
 from sphinx import addnodes
+from sphinx.errors import ExtensionError
 from sphinx.util.docutils import SphinxDirective
 
 SUFFIXES = {".py": "python", ".sh": "sh"}
@@ -46,48 +49,32 @@ def scene_line(program) -> str:
     return f"Scene: {comes}."
 
 
-class _Programs(SphinxDirective):
-    def _image(self, program, picture) -> nodes.image:
-        uri = "/" + picture.relative_to(gallery.ROOT / "docs").as_posix()
-        return nodes.image(uri=uri, alt=program.title, loading="lazy")
+def add_contents(app, page: str, source: list[str]) -> None:
+    """Give the page of the gallery a hidden table of contents."""
+    if page == FOLDER:
+        names = re.findall(rf"\]\(({FOLDER}/\w+)\.\w+\)", source[0])
+        known = {f"{FOLDER}/{program.name}" for program in gallery.programs()}
+        if wrong := known ^ set(names):
+            raise ExtensionError(f"docs/gallery.md and docs/gallery/ differ in {', '.join(sorted(wrong))}")
+        source[0] += "\n```{toctree}\n:hidden:\n\n" + "\n".join(names) + "\n```\n"
 
 
-class Gallery(_Programs):
-    """Thumbnails of the pictures of docs/gallery/, and a table of contents of their pages."""
-
-    has_content = True
-
-    def run(self):
-        known = {program.name: program for program in gallery.programs()}
-        sections, shown = list[nodes.Node](), list[str]()
-        for line in self.content:
-            group, _, names = line.partition(": ")
-            if unknown := set(names.split()) - set(known):
-                raise self.error(f"docs/gallery has no {', '.join(sorted(unknown))}")
-            section = nodes.section(ids=[nodes.make_id(group)], names=[group.lower()])
-            thumbnails = [self._thumbnail(known[name]) for name in names.split()]
-            section += [nodes.title("", group), nodes.container("", *thumbnails, classes=["thumbnails"])]
-            sections.append(section)
-            shown += names.split()
-        if left := set(known) - set(shown):
-            raise self.error(f"not in the gallery: {', '.join(sorted(left))}")
-        return [*sections, self._contents([f"{FOLDER}/{name}" for name in shown])]
-
-    def _thumbnail(self, program) -> nodes.paragraph:
-        self.env.note_dependency(str(program.path))
-        address = self.env.app.builder.get_relative_uri(self.env.docname, f"{FOLDER}/{program.name}")
-        link = nodes.reference("", "", internal=True, refuri=address)
-        link += [self._image(program, program.thumbnail), nodes.inline("", program.title)]
-        return nodes.paragraph("", "", link)
-
-    def _contents(self, pages: list[str]) -> nodes.Node:
-        tree = addnodes.toctree(parent=self.env.docname, includefiles=pages, entries=[(None, page) for page in pages])
-        shown = dict(hidden=True, glob=False, caption=None, includehidden=False, titlesonly=True, maxdepth=1)
-        tree.attributes.update(shown)
-        return tree
+def lay_out(app, doctree, page: str) -> None:
+    """Turn the tables of the gallery into grids of thumbnails with their titles."""
+    if page == FOLDER:
+        for table in list(doctree.findall(nodes.table)):
+            thumbnails = [_thumbnail(image) for image in table.findall(nodes.image)]
+            table.replace_self(nodes.container("", *thumbnails, classes=["thumbnails"]))
 
 
-class Examples(_Programs):
+def _thumbnail(image: nodes.image) -> nodes.paragraph:
+    link = image.parent.deepcopy()
+    next(link.findall(nodes.image))["loading"] = "lazy"
+    link += nodes.inline("", image["alt"])
+    return nodes.paragraph("", "", link)
+
+
+class Examples(SphinxDirective):
     """The programs of examples/."""
 
     def run(self):
@@ -100,7 +87,8 @@ class Examples(_Programs):
         if program.caption:
             section += self._words(program.caption)
         if program.picture.is_file():
-            section += self._image(program, program.picture)
+            uri = "/" + program.picture.relative_to(gallery.ROOT / "docs").as_posix()
+            section += nodes.image(uri=uri, alt=program.title, loading="lazy")
         section += self._code(program.code, "python")
         if program.printed.is_file():
             section += [self._words("It prints:"), self._code(program.printed.read_text(encoding="utf-8"), "text")]
@@ -120,7 +108,8 @@ class Examples(_Programs):
 
 
 def setup(app):
-    app.add_directive("gallery", Gallery)
+    app.connect("source-read", add_contents)
+    app.connect("doctree-resolved", lay_out, priority=400)  # before charts
     app.add_directive("examples", Examples)
     for suffix in SUFFIXES:
         app.add_source_suffix(suffix, ProgramParser.supported[0])

@@ -38,7 +38,7 @@ class Raised(Directive):
     has_content = True
 
     def run(self):
-        return [registries.table(["call", "error", "cure"], rows_of(list(self.content)))]
+        return [registries.table(["call", "error", "fix"], rows_of(list(self.content)))]
 
 
 def setup(app):

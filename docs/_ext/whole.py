@@ -94,7 +94,7 @@ _WRITERS = {
     "eval-rst": _documented,
     "scene-formats": lambda *_: _table(["format", "suffixes", "use", "extra", "lost"], registries.format_rows()),
     "methods": lambda *_: _table(["name", "kind", "what it does", "paper"], registries.method_rows()),
-    "raised": lambda _, content: _table(["call", "error", "cure"], raised.rows_of(content.splitlines())),
+    "raised": lambda _, content: _table(["call", "error", "fix"], raised.rows_of(content.splitlines())),
     "image": _image,
     "include": _included,
     "paper-code": lambda folder, _: paper_code.sections(folder),

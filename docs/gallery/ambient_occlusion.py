@@ -1,6 +1,6 @@
 """Ambient occlusion
 
-The share of the sky that each point sees, weighted by the cosine. No light, no material: only visibility.
+The fraction of the sky that each point sees, weighted by the cosine: visibility alone, without lights or materials.
 """
 
 import numpy as np

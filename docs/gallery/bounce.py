@@ -1,7 +1,7 @@
-"""Light that bounces
+"""Bounced light
 
-A bedroom behind blinds. On the left, ambient light is a constant; on the right, 64 diffuse rays from each pixel bring
-the light that floor and walls return.
+A bedroom behind blinds. On the left, ambient light is a constant; on the right, 64 diffuse rays per pixel gather the
+light that floor and walls return.
 """
 
 from PIL import Image

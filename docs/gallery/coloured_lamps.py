@@ -1,6 +1,6 @@
 """Three lamps
 
-A red, a green and a blue lamp. Where one is hidden, the other two remain: the shadows are cyan, magenta and yellow.
+A red, a green and a blue lamp. Where one is hidden, the other two remain: shadows are cyan, magenta and yellow.
 """
 
 import numpy as np

@@ -1,7 +1,7 @@
 """A day of shadows
 
-The shadows of a summer's day, from seven in the morning to nine in the evening. Places and times of the sun come from
-pvlib: `pip install 'antumbra[sun]'`.
+The shadows of a summer's day, from seven in the morning to nine in the evening. Sun positions come from pvlib: `pip
+install 'antumbra[sun]'`.
 """
 
 from datetime import date

@@ -1,4 +1,4 @@
 # The first picture
 #
-# What the command of the README renders: a courtyard in the sun.
+# What the command of the README renders: a courtyard under a square lamp.
 antumbra render --size 1280x800 -o first.png

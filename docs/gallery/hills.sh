@@ -1,4 +1,4 @@
 # Terrain
 #
-# A raster of heights: colours follow the height, and the default sun is low over flat scenes, so that ridges cast shadows.
+# A height raster, coloured by height. Over flat scenes the default sun is low, so ridges cast shadows.
 antumbra render example:hills --size 1280x800 --preset final -o hills.png

@@ -1,6 +1,6 @@
-"""What the camera knows
+"""Normals and visibility
 
-Each frame carries its surfaces: here the normals as colours, times the share of a sun's disk that each pixel sees.
+Each frame carries its surfaces: here, normals as colours, times the fraction of a sun's disk that each pixel sees.
 """
 
 import numpy as np

@@ -1,7 +1,7 @@
-"""The filter of penumbrae
+"""Filtered penumbrae
 
-The same pixels with 4 shadow rays, with 4 filtered rays, and with 256 rays. The filter shares samples among neighbours
-on one surface, and costs about 5 % of the time.
+The same pixels with 4 shadow rays, with 4 filtered rays, and with 256 rays. The filter shares samples among
+neighbours on one surface, and costs about 5 % of the time.
 """
 
 from PIL import Image

@@ -1,6 +1,6 @@
 """View factors to the sky
 
-The share of the radiation leaving each triangle of a village that arrives at the sky.
+The fraction of the radiation leaving each triangle of a village that reaches the sky.
 """
 
 from matplotlib import colormaps

@@ -1,7 +1,7 @@
 """A film of a day
 
-The shadows of a city on a day in September, a picture every twenty minutes. Places and times of the sun come from
-pvlib: `pip install 'antumbra[sun]'`.
+The shadows of a city on a day in September, a picture every twenty minutes. Sun positions come from pvlib: `pip
+install 'antumbra[sun]'`.
 """
 
 from datetime import date

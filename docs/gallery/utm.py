@@ -1,7 +1,8 @@
 """A street in UTM coordinates
 
-A city put where maps put it, 5,763 km north of the equator. On the left, coordinates are rounded to float32, as in many
-programs: one step is half a metre. On the right, Antumbra recentres in float64 first, and a move changes no bit.
+A city in map coordinates, 5,763 km north of the equator. On the left, coordinates are rounded to float32, as in many
+programs: one step is half a metre. On the right, Antumbra recentres in float64 first, so moving the city changes no
+bit.
 """
 
 import numpy as np

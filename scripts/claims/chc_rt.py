@@ -144,7 +144,9 @@ def _phase3(r: Results, table: str) -> float:
 
 _SAME_KERNEL = "over `multifrusta`, whose kernel it uses"
 _NOISE = 0.01  # of times: less does not say that a setting is worse
-_FEW_RAYS = "the pairs have few rays, and cost little: a pair costs its rays here, not a shader pass over its tile"
+_FEW_RAYS = (
+    "the pairs have few rays and cost little: here a pair costs as much as its rays, not a shader pass over its tile"
+)
 _NO_RIVAL = "in memory, queries cost these frusta more than they save"
 
 
@@ -251,7 +253,7 @@ CLAIMS: tuple[Claim, ...] = (
         "0.125 and 2 take {:.2f} to {:.2f} times the time, median {:.2f}",
         lambda r: _without(r, "t_q 0.125", "t_q 2"),
         lambda low, high, middle: middle >= 1 - _NOISE,
-        "by less than two runs of the same frame differ",
+        "the difference is smaller than that between two runs of the same frame",
         "t_q hardly matters here; other criteria were not built",
     ),
     Claim(
@@ -260,7 +262,7 @@ CLAIMS: tuple[Claim, ...] = (
         "64 pixels take {:.2f}, 256 take {:.2f} times the time of 128 (medians)",
         lambda r: [_without(r, f"tiles of {side} pixels")[2] for side in (64, 256)],
         lambda small, large: min(small, large) >= 1 - _NOISE,
-        "by less than two runs of the same frame differ",
+        "the difference is smaller than that between two runs of the same frame",
     ),
     Claim(
         "5.2",
@@ -306,7 +308,7 @@ CLAIMS: tuple[Claim, ...] = (
         "{:.2f} to {:.2f} times; without randomisation {:.2f} to {:.2f} times as fast as single rays",
         lambda r: (*_randomised(r, _DIFFUSE), *_unrotated(r)),
         lambda low, high, *_: high >= 3.5,
-        "coherent directions gain little over single rays, which no rotation slows, so there is little to lose",
+        "coherent directions gain little over single rays, so rotation has little to take away",
     ),
     Claim(
         "7, Table 5",
@@ -402,7 +404,7 @@ CLAIMS: tuple[Claim, ...] = (
         lambda r: (),
         lambda: True,
         "",
-        "it does not pay here: all rays of a bounce are traced together, and read about as little unsorted",
+        "it does not pay off here: all rays of a bounce are traced together, and read hardly more when unsorted",
     ),
 )
 
@@ -415,12 +417,12 @@ def _store(r: Results) -> Results:
 
 def _rival(r: Results) -> str:
     """What CHC+RT saves with limited memory, over a tracer that pages on demand."""
-    text = "**What it is for**: with limited memory, diffuse rays, far view"
+    text = "**What it is for**: limited memory, here with diffuse rays in the far view"
     if "rival" not in r:
         return (
-            f"{text}: with 10 M triangles at 1920 x 1080 and room for 47 % of the chunks, in each of two frames "
-            "(33 M rays, CPU time of two threads, measured once), `chcrt` 0.2 to 0.4 GB and 20 s, a rival that pages "
-            "on demand with the same kernel and limit 55 GB and 70 s."
+            f"{text}. With 10 M triangles at 1920 x 1080 and room for 47 % of the chunks, `chcrt` reads 0.2 to 0.4 GB "
+            "and takes 20 s in each of two frames (33 M rays, CPU time of two threads, measured once); a rival that "
+            "pages on demand with the same kernel and limit reads 55 GB and takes 70 s."
         )
     found = []
     for name in (_EXACT, RIVAL):
@@ -443,7 +445,7 @@ def _where(r: Results) -> str:
     text = "; ".join(f"{' and '.join(titles)}: {found}" for found, titles in places.items())
     missing = [f"*{name}*" for name in ("mapped", "rival", "bounces") if not r.get(name)]
     if missing:
-        text += f". Not measured at this size: {', '.join(missing)}, which the paper has not"
+        text += f". Not measured at this size: {', '.join(missing)}, which the paper lacks"
     return f"{text[0].upper()}{text[1:]}."
 
 
@@ -464,8 +466,8 @@ CONDITIONS: tuple[Condition, ...] = (
     "**Frames**: the second of each walkthrough counts, and the first is shown beside it. CHC+RT still traces what the "
     "first frame found visible, which it queries every third frame.",
     lambda r: (
-        "**Times** are CPU time of one thread; from a store, also that of the thread that reads, but no waiting for "
-        "the disk."
+        "**Times** are CPU time of one thread; from a store, they include the reading thread, but not waiting "
+        "for the disk."
         if r.get("clock") == "cpu"
         else "**Times** are elapsed time."
     ),

@@ -40,7 +40,7 @@ def spread(found: Sequence[float]) -> tuple[float, float, float]:
     return min(found), max(found), median(found)
 
 
-UNKNOWN = "the reason is not known"
+UNKNOWN = "we do not know why"
 NO_GPU = "needs the paper's hardware"
 RANGE = "{:.2f} to {:.2f}, median {:.2f}"
 """The text of a `spread`."""

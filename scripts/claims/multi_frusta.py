@@ -76,7 +76,7 @@ def _corners_beside_boxes(r: Results) -> tuple[float, float]:
     return spread([100 * corners / boxes for corners, boxes in saved])[:2]
 
 
-_BOTH = "by the page's last table, our frusta test more triangles with 16 rays than packets do, the paper's fewer"
+_BOTH = "our frusta test more triangles with 16 rays than packets do, the paper's fewer (last table of the page)"
 
 CLAIMS: tuple[Claim, ...] = (
     Claim(
@@ -125,7 +125,7 @@ CLAIMS: tuple[Claim, ...] = (
     ),
     Claim(
         "5.1",
-        "in general saves more box tests for shadow rays than for primary rays (3 of 4 scenes)",
+        "usually saves more box tests for shadow rays than for primary rays (in 3 of 4 scenes)",
         "in {} of {} scenes",
         _better_for_shadows,
         lambda better, scenes: better > scenes / 2,
@@ -204,7 +204,7 @@ CLAIMS: tuple[Claim, ...] = (
     ),
     Claim(
         "5.3, Table 2",
-        "boxes tested by rays at the leaves: 26.4 % fewer triangle tests, 155 % more box tests; does not pay",
+        "boxes tested by rays at the leaves: 26.4 % fewer triangle tests, 155 % more box tests; does not pay off",
         "{:.0f} to {:.0f} % triangle tests, +{:.0f} to +{:.0f} % box tests, {:.2f} to {:.2f} times as fast",
         lambda r: (
             *_change(r, "multifrusta:leaf-boxes", "triangle_tests")[:2],
@@ -230,7 +230,7 @@ CLAIMS: tuple[Claim, ...] = (
     ),
     Claim(
         "4.2, Table 1",
-        "and 62 to 83 % of those that primary frusta access",
+        "back-face and corner-ray culling drop 62 to 83 % of the triangles that primary frusta access",
         "{:.0f} to {:.0f} %, median {:.0f} %",
         lambda r: _culled(r, _P),
         lambda low, high, middle: middle >= 62,
@@ -246,7 +246,7 @@ CLAIMS: tuple[Claim, ...] = (
     ),
     Claim(
         "5.3, Table 2",
-        "shrunk corner rays: 21.1 % fewer triangle tests, pays by at most 10 %",
+        "shrunk corner rays: 21.1 % fewer triangle tests, saves at most 10 % of the time",
         "{:.0f} to {:.0f} % triangle tests, {:.2f} to {:.2f} times as fast",
         lambda r: (
             *_change(r, "multifrusta:corners", "triangle_tests")[:2],
@@ -256,7 +256,7 @@ CLAIMS: tuple[Claim, ...] = (
     ),
     Claim(
         "5.3, Table 2",
-        "shrunk intervals: 7.7 % fewer triangles accessed, does not pay",
+        "shrunk intervals: 7.7 % fewer triangles accessed, does not pay off",
         "{:.0f} to {:.0f} % triangles accessed, {:.2f} to {:.2f} times as fast",
         lambda r: (
             *_change(r, "multifrusta:full", "triangles")[:2],
@@ -290,7 +290,7 @@ CLAIMS: tuple[Claim, ...] = (
             *spread([exponents(s["figure 6"], _S[1], "triangle_tests")[0] for s in r["rows"].values()])[:2],
         ),
         lambda *powers: max(abs(x - 1) for x in powers) <= 0.25 or max(abs(x - 2) for x in powers) <= 0.5,
-        "linear neither in the edge nor in the area; the paper does not say which of them is the size",
+        "linear neither in the edge nor in the area; the paper does not say which of the two it means by size",
     ),
     Claim(
         "6",
@@ -407,7 +407,7 @@ def _light(scene: Results, light: str, tracer: str = "multifrusta:by-sample") ->
 
 def _sizes(r: Results) -> str:
     primary, shadow = at_size(r, _SIZE, "primary_size"), at_size(r, _SIZE)
-    lights = f"Section 6.1, of which the paper has no figures, at {' x '.join(map(str, r['lights_size']))}"
+    lights = f"Section 6.1, for which the paper gives no figures, at {' x '.join(map(str, r['lights_size']))}"
     return f"**Sizes**: shadow rays at {shadow}; primary rays at {primary}; {lights}."
 
 
@@ -421,13 +421,13 @@ def _primary_rays(r: Results) -> str:
              for field, name in names.items()}  # fmt: skip
     text = ", ".join(f"{name} {low:.2f} to {high:.2f}" for name, (low, high) in found.items())
     return (
-        "**Primary rays**: the paper's rows of shadow rays include the primary rays, and in their times shading and "
-        f"filtering; ours do not. Without primary rays and shading, its factors would be hardly different: {text}."
+        "**Primary rays**: the paper's shadow-ray rows include the primary rays, and their times include shading and "
+        f"filtering; ours do not. Without primary rays and shading, the paper's factors would hardly change: {text}."
     )
 
 
 CONDITIONS: tuple[Condition, ...] = (
     _sizes,
     _primary_rays,
-    "**Scenes**: the paper's T-Rex, Fern, Saloon and Fairy Forest are not at hand; ours are those of the tables.",
+    "**Scenes**: we lack the paper's T-Rex, Fern, Saloon and Fairy Forest; the tables name the scenes used instead.",
 )

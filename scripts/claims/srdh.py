@@ -129,14 +129,14 @@ CLAIMS: tuple[Claim, ...] = (
     ),
     Claim(
         "4.3",
-        "a sizable part of what occluded rays cost is still unnecessary",
+        "a sizable part of the cost of occluded rays is still unnecessary",
         "{:.0%} to {:.0%} of their boxes lead to no hit",
         lambda r: spread([ours[1] / (ours[0] + ours[1]) for _, ours in _boxes(r)])[:2],
         lambda low, high: low >= 0.25,
     ),
     Claim(
         "5",
-        "a greater part of the cost is then that of unoccluded rays",
+        "unoccluded rays then account for a greater part of the cost",
         "in {} of {} scenes",
         lambda r: (sum(_unoccluded(b) > _unoccluded(a) for a, b in _boxes(r)), len(_boxes(r))),
         lambda n, scenes: n == scenes,
@@ -176,7 +176,7 @@ CLAIMS: tuple[Claim, ...] = (
         "at most {:.1f} % more, {:.0f} % of which are boxes where a ray hits nothing; within 6 % in {} of {} scenes",
         lambda r: (max(b := _saved(r, "beyond_all")), _in_vain(r), sum(x <= 6 for x in b), len(b)),
         lambda most, *_: most <= 6,
-        "a thousand rays among 300,000 triangles show what blocks often, but hardly which boxes rays enter in vain",
+        "a thousand rays among 300,000 triangles show frequent blockers, but hardly the boxes that rays enter in vain",
     ),
     Claim(
         "Abstract, 4.2, Table 1",
@@ -184,8 +184,8 @@ CLAIMS: tuple[Claim, ...] = (
         "{:.2f} times; {:.2f} without making the rays and their hits",
         lambda r: (fmean(_both(r, 16)), fmean(_without_rays(r, 16))),
         lambda mean, _: mean <= 2.45,
-        "the SAH build is that much faster here that the rays weigh more",
-        "the paper does not say whether its times include them; ours do, unless they say otherwise",
+        "the SAH build is so much faster here that the rays weigh more",
+        "the paper does not say whether its times include them; ours do unless stated otherwise",
     ),
     Claim(
         "5",
@@ -220,7 +220,7 @@ CLAIMS: tuple[Claim, ...] = (
     Claim(
         "4.3, Figure 5",
         "constant kernels alone are as good as all kernels",
-        "box tests change by {:+.1f} to {:+.1f} %; distance ones alone by {:+.1f} % with opposed lights",
+        "box tests change by {:+.1f} to {:+.1f} %; distance kernels alone by {:+.1f} % with opposed lights",
         lambda r: (
             *spread([100 * x for x in values(r["kernel_gains"], "both")])[:2],
             100 * values(r["kernel_gains"], "distance", scene=_OPPOSED)[0],
@@ -261,7 +261,7 @@ CLAIMS: tuple[Claim, ...] = (
     ),
     Claim(
         "5",
-        "a notable increase of performance where occluded rays dominate",
+        "a notable increase in performance where occluded rays dominate",
         "direct light takes {:.2f} to {:.2f} of the tracing time with single rays",
         lambda r: spread(values(r["gains"], "trace", tracer=SINGLE))[:2],
         lambda low, high: high < 1,
@@ -277,5 +277,5 @@ CONDITIONS: tuple[Condition, ...] = (
         f"**Sizes**: counts at {at_size(r, '1024 x 1024')}, times at {' x '.join(map(str, r['timed_size']))}; further "
         "lightings of a scene with half the width and height. The scenes are not the paper's."
     ),
-    "**Counts** are machine-independent, as in the paper; the judged scenes include lightings that the paper has not.",
+    "**Counts** are machine-independent, as in the paper; the judged scenes include lightings that the paper lacks.",
 )

@@ -1,6 +1,7 @@
 """The programs of the docs' gallery run, and the gallery's pictures belong to programs."""
 
 import json
+import re
 import subprocess
 import sys
 
@@ -42,10 +43,28 @@ def test_the_gallery_has_programs_with_titles_captions_and_pictures():
     assert sum(path.stat().st_size for path in (gallery.IMAGES / "gallery").rglob("*.webp")) < 6e6
 
 
-def test_the_gallery_page_lists_all_programs():
-    listed = (ROOT / "docs" / "gallery.md").read_text().partition("```{gallery}\n")[2].partition("```")[0]
-    names = [name for line in listed.splitlines() for name in line.partition(": ")[2].split()]
-    assert sorted(names) == sorted(PROGRAMS)
+def test_the_gallery_page_shows_all_programs_by_their_titles():
+    text = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
+    shown = re.findall(r"\[!\[([^]]+)\]\(images/gallery/small/(\w+)\.webp\)\]\(gallery/([\w.]+)\)", text)
+    assert sorted(shown) == sorted((program.title, name, program.path.name) for name, program in PROGRAMS.items())
+    rows = [line.strip("| ").split(" | ") for line in text.splitlines() if line.startswith("| ")]
+    for pictures, titles in zip(rows[::2], rows[1::2], strict=True):
+        assert [re.match(r"\[!\[([^]]+)", picture)[1] for picture in pictures if picture.strip("| ")] == titles
+
+
+def test_thumbnails_of_charts_show_a_part_and_those_of_films_the_frame_in_the_middle(tmp_path):
+    assert set(gallery.PARTS) <= set(PROGRAMS)
+    for name, (left, upper, right) in gallery.PARTS.items():
+        with Image.open(PROGRAMS[name].picture) as picture:
+            lower = (
+                upper + (right - left) * picture.width / picture.height * gallery.THUMBNAIL[1] / gallery.THUMBNAIL[0]
+            )
+        assert 0.0 <= left < right <= 1.0 and 0.0 <= upper < lower <= 1.0, name
+    frames = [Image.new("RGB", (80, 50), colour) for colour in ("black", "red", "white")]
+    frames[0].save(tmp_path / "film.webp", save_all=True, append_images=frames[1:], lossless=True)
+    gallery.keep_thumbnail(tmp_path / "film.webp", tmp_path / "small.webp")
+    assert Image.open(tmp_path / "small.webp").convert("RGB").getpixel((20, 20))[0] > 200
+    assert Image.open(tmp_path / "small.webp").convert("RGB").getpixel((20, 20))[1] < 60
 
 
 def test_what_examples_print_is_kept():

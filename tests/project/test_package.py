@@ -134,11 +134,12 @@ def test_readme_commands_are_one_line_each():
     readme = ROOT / "README.md"
     commands = "".join(snippets.blocks(readme.read_text(), "sh")).splitlines()
     assert commands == [
+        "git clone https://github.com/antumbra/antumbra && cd antumbra",
         "python3 -m venv .venv && .venv/bin/pip install '.[jit]' && .venv/bin/antumbra render --size 1280x800",
         "python3 -m venv .venv && .venv/bin/pip install '.[test]' && .venv/bin/pytest",
     ]
-    assert snippets.command(readme, "antumbra render --size 1280x800") == commands[0]
-    assert snippets.command(readme, "pytest") == commands[1]
+    assert snippets.command(readme, "antumbra render --size 1280x800") == commands[1]
+    assert snippets.command(readme, "pytest") == commands[2]
 
 
 def test_docstring_example():

@@ -190,6 +190,32 @@ def test_charts_are_told_from_pictures_by_their_white_ground(extension):
     assert {"chart", "sheet", None} == set(kinds.values())
 
 
+def test_diagrams_of_two_halves_are_two_parts(extension):
+    charts = extension("charts")
+    assert [
+        name for name in ("srdh", "chc-rt", "pre-bvh-culling") if charts.has_halves(DOCS / "papers" / f"{name}.svg")
+    ] == [
+        "srdh",
+        "chc-rt",
+    ]
+    left, right = charts.halves(charts.nodes.image(uri="a.svg", alt="Two trees", classes=["chart"]))
+    assert (left[0]["alt"], right[0]["alt"], right[0]["uri"]) == ("Two trees", "", "a.svg")
+
+
+def test_only_the_group_of_the_page_is_open_in_the_sidebar(extension):
+    group = '<p class="caption" role="heading"><span>{}</span></p>\n<ul{}><li>x</li></ul>\n'
+    folded = extension("sidebar").folded
+    tree = folded(group.format("A", "") + group.format("B", ' class="current"') + group.format("C", ""))
+    assert re.findall(r"<details( open)?><summary class=\"caption\"><span>(\w)</span></summary><ul", tree) == [
+        ("", "A"),
+        (" open", "B"),
+        ("", "C"),
+    ]
+    assert tree.count("</ul>") == tree.count("</details>") == 3 and "<p" not in tree
+    first = folded(group.format("A", "") + group.format("B", ""))
+    assert first.index("<details open>") < first.index("<details><")
+
+
 def test_a_notebook_is_a_page_with_its_output(extension):
     pytest.importorskip("myst_parser", reason="the pages of notebooks are NOT checked without myst-parser")
     name = "shadows.ipynb"

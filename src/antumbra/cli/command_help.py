@@ -98,6 +98,9 @@ class HelpfulCommand(ParsedOnce, TyperCommand):
                 param.help = f"Explain all options; {_SHORT} lists the main ones."
         return params
 
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        return [piece.strip("{}") for piece in super().collect_usage_pieces(ctx)]
+
     def format_help(self, ctx: Any, formatter: Any) -> None:
         super().format_help(ctx, _with_bold_titles(formatter))
 

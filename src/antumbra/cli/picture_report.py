@@ -267,7 +267,7 @@ def _light_text(light: "Light") -> str:
     if light.domain == "list" or light.domain == "hemisphere":
         return type(light).__name__
     unit = "lux" if isinstance(light, DirectionalLight) else "cd"
-    return f"{type(light).__name__} of {light.intensity:.4g} {unit}"
+    return f"{type(light).__name__} ({light.intensity:.4g} {unit})"
 
 
 def ran_text(plan: "str | Plan | None", frame: "Frame") -> str:

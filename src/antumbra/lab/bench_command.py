@@ -18,14 +18,14 @@ from time import monotonic
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_type_hints
 
 import typer
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperGroup
 
 from ..base.errors import InputError
 from ..base.extras import plugins_of
 from ..base.files import atomic_output, checked_output
 from ..cli import console
 from ..cli.arguments import check_plot
-from ..cli.command_parsing import ParsedOnce
+from ..cli.command_help import HelpfulCommand
 from ..cli.console import UNFORESEEN, ProgressDisplay, Record, explained, say
 from ..cli.options import Json, Quiet, writes_folder
 from ..picture.picture_records import plain
@@ -280,7 +280,7 @@ class _EntryPointGroup(TyperGroup):
             formatter.write_dl([(name, text.partition("\n\n")[0]) for name, text in texts.items()])
 
 
-class BenchCommand(ParsedOnce, TyperCommand):
+class BenchCommand(HelpfulCommand):
     """A command of ``antumbra bench``."""
 
 

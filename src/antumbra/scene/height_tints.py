@@ -12,11 +12,12 @@ from .materials import srgb_to_linear
 from .scene_data import SceneData
 
 _STOPS = {
-    0.0: (0.36, 0.47, 0.27),
-    0.3: (0.57, 0.59, 0.35),
-    0.55: (0.65, 0.55, 0.38),
-    0.8: (0.49, 0.41, 0.35),
-    1.0: (0.90, 0.89, 0.87),
+    0.0: (0.25, 0.39, 0.20),
+    0.28: (0.42, 0.48, 0.25),
+    0.5: (0.58, 0.49, 0.30),
+    0.75: (0.45, 0.35, 0.29),
+    0.93: (0.62, 0.58, 0.55),
+    1.0: (0.95, 0.95, 0.94),
 }
 """Share of the height, from the lowest to the highest point of the scene -> sRGB."""
 

@@ -25,7 +25,7 @@ from ....techniques.chcrt.tree_parts import TreeParts, parts_of
 from ....techniques.chcrt.visibility_fronts import INNER, VISIBLE, Fronts
 from ....techniques.tracer_options import ChcRtOptions
 from ....trace.tree_list import ROOT, Hits
-from ..bench_runner import Say, save_sheet
+from ..bench_runner import SHEET_WIDTH, Say, save_sheet
 from ..published_methods import tracer_name
 from . import chcrt_published
 from .walkthrough_timing import SAMPLERS, InCore, colour_bleeding, error_of
@@ -282,7 +282,6 @@ def _bleeding(method: Culling, frame_rays: FrameRays) -> np.ndarray:
 
 
 FIGURES = 4, 5, 6, 9, 10
-_PANEL = 5.2  # width of a panel, in inches
 _RED, _GREEN, _BLUE = "#e0301e", "#2ca02c", "#1030ff"
 _OVER = 0.05, 0.65, 0.1  # colour of tiles whose rays may hit many triangles
 _LONGEST = 24  # list length that is drawn white
@@ -333,18 +332,23 @@ def differences_of(state: CullingState) -> tuple[np.ndarray, int]:
     return differences, 2 ** max(0, int(np.ceil(np.log2(_FAINT / typical))))
 
 
-def _sheet(panels: int, state: CullingState, title: str) -> tuple[Any, Any]:
+def _sheet(panels: int, state: CullingState, title: str, aside: int = 1) -> tuple[Any, Any]:
+    """A figure, and its panels: `aside` of them side by side, the others below, so that pages show readable letters."""
     from matplotlib.figure import Figure
 
     h, w = state.shape
-    sheet = Figure(figsize=(_PANEL * panels, _PANEL * h / w + 0.6), layout="constrained")
+    rows = -(-panels // aside)
+    height = rows * (SHEET_WIDTH / aside * h / w + 0.25 * aside) + 0.3
+    sheet = Figure(figsize=(SHEET_WIDTH, height), layout="constrained")
     sheet.suptitle(f"{state.name}: {title}", fontsize=11)
-    return sheet, sheet.subplots(1, panels, squeeze=False)[0]
+    found = sheet.subplots(rows, aside, squeeze=False).ravel()
+    for panel in found:
+        panel.set_axis_off()
+    return sheet, found[:panels]
 
 
 def _show(panel: Any, image: np.ndarray, title: str, **options: Any) -> Any:
     panel.set_title(title, fontsize=9)
-    panel.set_axis_off()
     return panel.imshow(image, interpolation="nearest", **options)
 
 
@@ -357,7 +361,7 @@ def _mark_tiles(panel: Any, shape: tuple[int, int], tiles: Tiles, values: np.nda
         y, x = np.multiply(np.divmod(tile, tiles.across), tiles.pixels)
         at = min(x + tiles.pixels / 2, (x + w) / 2), min(y + tiles.pixels / 2, (y + h) / 2)
         text = f"{value / 1e3:,.0f}k" if value > 999 else f"{value}"
-        panel.text(*at, text, fontsize=6, ha="center", va="center", bbox=_LABEL)
+        panel.text(*at, text, fontsize=8, ha="center", va="center", bbox=_LABEL)
 
 
 def _draw_tiles(state: CullingState) -> Any:
@@ -388,7 +392,6 @@ def _draw_parts(state: CullingState) -> Any:
     from matplotlib.colors import LinearSegmentedColormap
 
     sheet, panels = _sheet(2, state, "scheduled subtrees (Figure 5)")
-    sheet.set_figwidth(2 * _PANEL + 0.8)
     lists, tiles = list_lengths(state.camera.fronts), state.camera.fronts.tiles
     part = state.camera.hits.part
     n_hit = len(np.unique(part[part >= 0]))
@@ -399,18 +402,27 @@ def _draw_parts(state: CullingState) -> Any:
     image = lists[tile_of_pixels(tiles, state.shape)]
     picture = _show(panels[1], image, "subtrees in the list of each tile", cmap=colours, vmin=1, vmax=_LONGEST)
     _mark_tiles(panels[1], state.shape, tiles, lists)
-    sheet.colorbar(picture, ax=panels[1], shrink=0.8, ticks=[1, 6, 12, 18, 24], extend="max")
+    sheet.colorbar(
+        picture,
+        ax=panels[1],
+        shrink=0.9,
+        pad=0.02,
+        aspect=40,
+        location="bottom",
+        ticks=[1, 6, 12, 18, 24],
+        extend="max",
+    )
     return sheet
 
 
 def _draw_matrix(state: CullingState) -> Any:
     """Figure 6."""
     sheet, panels = _sheet(2, state, "rays by triangles (Figure 6)")
-    sheet.set_figheight(8.0)
-    sheet.set_figwidth(14.0)
+    sheet.set_figheight(10.0)
     columns = columns_of(state.parts)
     kinds = ("camera rays", state.camera), ("a pass of diffuse rays", state.long)
     for panel, (kind, pass_state) in zip(panels, kinds):
+        panel.set_axis_on()
         _draw_pairs(panel, kind, pass_state, columns, state)
     panels[0].set_ylabel("rays by tile, in quadtree order", fontsize=8)
     _add_legend(sheet)
@@ -447,14 +459,12 @@ def _add_legend(sheet: Any) -> None:
 
 def _draw_bleeding(state: CullingState) -> Any:
     """Figure 9."""
-    sheet, panels = _sheet(3, state, "diffuse colour bleeding, exact and aggressive (Figure 9)")
+    sheet, panels = _sheet(3, state, "diffuse colour bleeding, exact and aggressive (Figure 9)", 2)
     differences, times = differences_of(state)
     error, differ = error_of(state.exact, state.neglecting), np.count_nonzero(differences)
     _show(panels[0], state.exact, "chcrt: exact")
-    _show(
-        panels[1], state.neglecting, f"chcrt:{ERROR}: mean absolute error {error:.2f} (paper: {chcrt_published.ERROR})"
-    )
-    title = f"differences x {times}, black on white: {differ:,} of {differences.size:,} pixels"
+    _show(panels[1], state.neglecting, f"chcrt:{ERROR}: mean error {error:.2f} (paper: {chcrt_published.ERROR})")
+    title = f"differences x {times}: {differ:,} of {differences.size:,} pixels"
     _show(panels[2], times * differences, title, cmap="gray_r", vmin=0, vmax=255)
     panels[2].set_axis_on()
     panels[2].set(xticks=[], yticks=[])
@@ -463,7 +473,8 @@ def _draw_bleeding(state: CullingState) -> Any:
 
 def _draw_rotations(state: CullingState) -> Any:
     """Figure 10."""
-    sheet, panels = _sheet(len(state.rotated), state, "diffuse colour bleeding by rotation of directions (Figure 10)")
+    title = "diffuse colour bleeding by rotation of directions (Figure 10)"
+    sheet, panels = _sheet(len(state.rotated), state, title, 2)
     for panel, (sampler, picture) in zip(panels, state.rotated.items()):
         degrees = sampler.partition(":")[2]
         _show(panel, picture, f"{degrees} degrees" if degrees.isdigit() else f"{degrees} randomisation")

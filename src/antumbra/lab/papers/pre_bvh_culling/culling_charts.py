@@ -156,7 +156,7 @@ def cells_file(folder: Path) -> Path:
 
 def write_cells(path: Path, views: Sequence[CullingView], threads: int) -> None:
     """Write Figure 2d for the views of Figures 3 to 6."""
-    with plot_sheet(path, 3.4 * len(views)) as sheet:
+    with plot_sheet(path, 2.6 * len(views)) as sheet:
         panels = sheet.subplots(len(views), 2, squeeze=False)
         for row, view in zip(panels, views):
             _draw_cells(row, view, threads)

@@ -126,7 +126,7 @@ def _print_depths(rows: list[TreeShape]) -> None:
         TableColumn("of nine tenths", lambda r: str(r.most)),
     )
     published = [(tree, " and ".join(map(str, depths))) for tree, depths in BLINDS_DEPTHS.items()]
-    title = "Depths of the subtrees of frequent occluders, which half of all intersections are with (Figure 3)"
+    title = "Depths of the subtrees of frequent occluders, which make up half of all intersections (Figure 3)"
     print_table(title, columns, rows, published)
 
 

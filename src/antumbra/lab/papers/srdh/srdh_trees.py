@@ -142,7 +142,7 @@ def bytes_of(bvh: Bvh) -> int:
 # --- Figure 3 ---------------------------------------------------------------------------------------------------------
 
 
-DRAWN = 6
+DRAWN = 5
 """Depth at which the drawings end."""
 
 _ORDER_COLOURS = {LEFT_FIRST: "tab:red", UNORDERED: "0.6"}  # others: distance kernels
