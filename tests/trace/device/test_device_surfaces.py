@@ -5,8 +5,8 @@ import pytest
 
 import antumbra as at
 from antumbra.bvh import lbvh
-from antumbra.engine.primary_visibility import primary_visibility
-from antumbra.query.gbuffer import GBuffer
+from antumbra.engine import primary_visibility
+from antumbra.query.gbuffer import GBuffer, from_hits
 from antumbra.query.light_samples import light_samples
 from antumbra.query.resident_gbuffer import ResidentGBuffer
 from antumbra.query.shadow_query import ResidentQuery, new_bits, shadow_queries, without_corners
@@ -91,7 +91,7 @@ def expected_of(name, light=LAMP, spp=4):
     make, camera = SEEN[name]
     scene = make()
     camera, triangles = camera or scene.cameras[0].resized(31, 23), scene.triangles()
-    gbuffer = primary_visibility(triangles, camera, None, 2)
+    gbuffer = primary_visibility.primary_visibility(triangles, camera, None, 2)
     (query,) = shadow_queries(triangles, gbuffer, [light], [light_samples(light, spp)], 0, 2)
     return triangles, camera, gbuffer, query
 
@@ -124,11 +124,27 @@ def test_a_device_sees_the_surfaces_of_the_rasteriser(tracer, name, find):
 
 
 @METHODS
+@pytest.mark.parametrize("name", ["soup", "lattice", "slivers", "cut-outs"])
+def test_t_in_float64_is_that_of_pictures_of_the_cpu(tracer, name, find, monkeypatch):
+    # Positions and depths in float32 would hide other digits of t in nearly all pixels
+    triangles, camera, _, _ = expected_of(name)
+    on_cpu = []
+    monkeypatch.setattr(
+        primary_visibility, "from_hits", lambda face, t, *rest: on_cpu.append(t) or from_hits(face, t, *rest)
+    )
+    primary_visibility.primary_visibility(triangles, camera, None, 2)
+    find(tracer, triangles, camera)
+    t = tracer.launches.block("t", 0, "").read(np.empty((camera.height, camera.width)))
+    np.testing.assert_array_equal(t, on_cpu[0])
+    assert np.isfinite(t).any()
+
+
+@METHODS
 @pytest.mark.parametrize("n", [0, 1])
 def test_pictures_of_hardly_any_triangles(tracer, n, find):
     whole, camera = at.Scene.from_arrays(lattice()[:1]).triangles(), AT_LATTICE
     triangles = whole._replace(vertices=whole.vertices[:n], face_id=whole.face_id[:n], colour=whole.colour[:n])
-    expected = primary_visibility(triangles, camera, None, 2)
+    expected = primary_visibility.primary_visibility(triangles, camera, None, 2)
     found = find(tracer, triangles, camera)
     for ours, theirs, field in zip(ResidentGBuffer.of(found), expected, GBuffer._fields):
         np.testing.assert_array_equal(ours, theirs, err_msg=field)

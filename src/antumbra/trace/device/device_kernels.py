@@ -318,6 +318,19 @@ def report_hits(tree, rays, work, hits, first, n):  # tree: TreeBuffers, work: W
 
 
 @kernel
+def use_picture_t(tree, rays, work, hits):  # tree: TreeBuffers, work: Work, hits: HitBuffers, with numbers
+    """Write t as pictures on the CPU have it, by `filters.hit_t`."""
+    j, corners = thread_index(), stack_f32(9)
+    if j >= work.n:
+        return
+    slot = np.int64(get(i32_at(work.out), j))
+    if slot >= 0:
+        copy_corners(tree, slot, corners)
+        t = get(f64_at(hits.t), j)
+        put(f64_at(hits.t), j, picture_t(ray_at(rays, work.first + j).ray, corners, t))
+
+
+@kernel
 def write_blocked(states, n, blocked):  # blocked: address of bool
     """Write whether each of n states is BLOCKED, as bool."""
     k = thread_index()
@@ -459,6 +472,7 @@ KERNELS = {
     "mark_rays": DeviceKernel(mark_rays, (0, 0, 0)),
     "pack_states": DeviceKernel(pack_states, (0, 0, 0, 0)),
     "report_hits": DeviceKernel(report_hits, (TREE, RAYS, WORK, HITS, 0, 0)),
+    "use_picture_t": DeviceKernel(use_picture_t, (TREE, RAYS, WORK, HITS)),
     "write_blocked": DeviceKernel(write_blocked, (0, 0, 0)),
     "write_numbers": DeviceKernel(write_numbers, (HITS, 0, 0, 0, 0, 0)),
     "frame_points": DeviceKernel(frame_points, (PointBuffer(0, 0, 0, _ZERO, 0, 0.0), 0, 0, 0)),

@@ -186,7 +186,9 @@ class DeviceTracer(RayStages):
     def nearest_hits(
         self, tree: DeviceTree, rays: RayBuffers, n: int, cutouts: CutoutTree | None, threads: int
     ) -> tuple[Work, HitBuffers]:
-        """The nearest hits of n rays of buffers, on the device until the next call; `lock` is held.
+        """The nearest hits of n rays of a picture, on the device until the next call; `lock` is held.
+
+        On solid triangles, t is that of the CPU's pictures (`filters.hit_t`).
 
         cutouts : as for `trace_rays`
         """
@@ -198,7 +200,7 @@ class DeviceTracer(RayStages):
         """As `nearest_hits`, of a chunk of rays whose nearest hits in the tree are known."""
         sizes = zip(HitBuffers._fields, HIT_BYTES)
         hits = HitBuffers(*(self.launches.block(name, size * chunk.work.n, "the hits").address for name, size in sizes))
-        self._report(tree, chunk, cutouts, hits, threads)
+        self._report(tree, chunk, cutouts, hits, threads, of_picture=True)
         return chunk.work, hits
 
     def trace_shadow(
@@ -353,10 +355,18 @@ class DeviceTracer(RayStages):
             block.read(arrays[name])
 
     def _report(
-        self, tree: DeviceTree, chunk: Chunk, cutouts: CutoutTree | None, hits: HitBuffers, threads: int
+        self,
+        tree: DeviceTree,
+        chunk: Chunk,
+        cutouts: CutoutTree | None,
+        hits: HitBuffers,
+        threads: int,
+        of_picture: bool = False,
     ) -> None:
         """Write the numbers of a chunk's nearest hits on the device."""
         self._write_numbers(tree, chunk, hits, threads)
+        if of_picture:
+            self.launches.launch("use_picture_t", (tree.buffers, chunk.rays, chunk.work, hits), chunk.work.n)
         if cutouts is not None:
             assert isinstance(chunk.rays, RayBuffers)
             work = self.cutouts.nearest(cutouts, tree, chunk.rays, chunk.work, hits, threads)
