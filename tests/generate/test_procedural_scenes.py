@@ -1,5 +1,8 @@
 """Procedural scenes: the requested number of triangles, the same scene every time, and watertight geometry."""
 
+import io
+import os
+import signal
 from itertools import islice
 
 import numpy as np
@@ -278,3 +281,31 @@ def test_bad_requests_say_what_is_wrong(arguments, message):
 def test_a_bad_city_is_refused_before_its_first_block():
     with pytest.raises(InputError, match="triangles is 0"):
         city_blocks(0)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sends a signal")
+def test_workers_that_are_stopped_for_a_while_lose_no_bytes():
+    """As by Ctrl-Z: a write to a pipe ends early then, and Python's buffered files lose the rest of it."""
+    expected = [block for group in city.city_groups(150_000, 3) for block in group]
+    worker = city.start_worker(150_000, 3, 0, 1)
+    assert worker.stdout is not None
+    try:
+        for block in expected:
+            os.kill(worker.pid, signal.SIGSTOP)
+            os.kill(worker.pid, signal.SIGCONT)
+            received = city._receive(worker.stdout)
+            assert received is not None
+            for ours, theirs in zip(received, block):
+                np.testing.assert_array_equal(ours, theirs)
+        assert city._receive(worker.stdout) is None and worker.wait() == 0
+    finally:
+        worker.kill()
+        worker.stdout.close()
+        worker.wait()
+
+
+@pytest.mark.parametrize("sizes", [[3], [3, -1], [1 << 40, 2], [3, 1]])
+def test_blocks_that_cannot_be_ones_are_refused(sizes):
+    pipe = io.BufferedReader(io.BytesIO(np.array(sizes, np.int64).tobytes() + b"end"))
+    with pytest.raises(RuntimeError, match="ended too early"):
+        city._receive(pipe)

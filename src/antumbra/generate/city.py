@@ -12,7 +12,7 @@ from contextlib import suppress
 from functools import lru_cache
 from itertools import chain, cycle
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -578,6 +578,7 @@ def _trees(plan: _Plan, rng: np.random.Generator, spots: np.ndarray, budget: int
 
 
 _PACKAGE = Path(__file__).parents[2]
+_MOST = 1 << 28  # vertices or faces of a block: more are not sizes
 
 
 def stream_blocks(triangles: int, seed: int, processes: int, first: int = 0) -> Generator[PaletteMesh, None, None]:
@@ -615,26 +616,30 @@ def start_worker(triangles: int, seed: int, first: int, step: int) -> subprocess
 def _receive(pipe: Any) -> PaletteMesh | None:
     """The next block from a pipe, preceded by its numbers of vertices and faces; None at the end."""
     sizes = np.zeros(2, np.int64)
-    if pipe.readinto(sizes.view(np.uint8).data) == 0:
+    if (read := pipe.readinto(sizes.view(np.uint8).data)) == 0:
         return None
-    v, f = sizes
-    block = PaletteMesh(np.empty((v, 3), np.float32), np.empty((f, 3), np.int32), np.empty(f, np.uint8))
-    for array in block:
-        if pipe.readinto(array.reshape(-1).view(np.uint8).data) != array.nbytes:
-            raise RuntimeError("a worker process of the city generator has ended too early")
-    return block
+    if read == sizes.nbytes and 0 <= sizes.min() <= sizes.max() < _MOST:
+        v, f = sizes
+        block = PaletteMesh(np.empty((v, 3), np.float32), np.empty((f, 3), np.int32), np.empty(f, np.uint8))
+        if all(pipe.readinto(array.reshape(-1).view(np.uint8).data) == array.nbytes for array in block):
+            return block
+    raise RuntimeError("a worker process of the city generator has ended too early")
 
 
-def _send(pipe: IO[bytes], triangles: int, seed: int, first: int, step: int) -> None:
-    """In a worker: write the blocks of its groups. A group is complete before it is sent."""
+def _send(pipe: int, triangles: int, seed: int, first: int, step: int) -> None:
+    """In a worker: write the blocks of its groups to a pipe. A group is complete before it is sent.
+
+    Python's buffered files lose bytes if a stopped process goes on in the middle of a write.
+    """
     for group in city_groups(triangles, seed, first, step):
         for block in list(group):
             sizes = np.array([len(block.vertices), len(block.faces)], np.int64)
             for array in (sizes, *block):
-                pipe.write(np.ascontiguousarray(array).data)
-    pipe.flush()
+                left = np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
+                while left:
+                    left = left[os.write(pipe, left) :]
 
 
 if __name__ == "__main__":
     with suppress(BrokenPipeError):  # the parent has gone
-        _send(sys.stdout.buffer, *map(int, sys.argv[1:]))
+        _send(sys.stdout.fileno(), *map(int, sys.argv[1:]))
