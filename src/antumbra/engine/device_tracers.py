@@ -144,7 +144,7 @@ class OnDeviceTracer(Tracer):
         try:
             there = draw_surfaces(tracer, triangles, rays, cutouts, threads)
         except OutOfDeviceMemory:
-            OnDevice(tracer, None).free_blocks()
+            free_blocks(tracer)
             return None
         return None if there is None else ResidentGBuffer.of(there)
 
