@@ -335,10 +335,11 @@ def _print_device(scene: "AnyScene", shot: "Shot") -> None:
     frame = shot.frame
     device = parse_plan(frame.plan).device
     if device is not None:
+        there = frame.seen_on is not None and not traces_on_device(scene.data)  # a store: all nearest hits
         rest = {
             "found what the camera sees": frame.seen_on is None,
-            "found the sub-pixels of edges": frame.seen_on is not None and frame.refined is not None,
-            "traced bounced rays": frame.indirect is not None and traces_on_device(scene.data),
+            "found the sub-pixels of edges": frame.seen_on is not None and frame.refined is not None and not there,
+            "traced bounced rays": frame.indirect is not None and not there,
             "decided the few tests that need exact arithmetic": True,
         }
         done = [each for each in rest if rest[each]]

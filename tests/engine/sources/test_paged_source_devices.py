@@ -315,6 +315,8 @@ def test_the_command_line_says_what_was_uploaded(city, cli):
     words = "render", str(city[1]), "--size", "24", "--spp", "4", "--explain-plan", "-o", "a.png"
     out = cli(*words, "--plan", plan_on("host")).out
     assert "on the device" in out and "were uploaded" in out
-    assert "The device host:0 traced the camera and shadow rays" in out
+    found = "The device host:0 found what the camera sees and traced the shadow rays; the CPU decided"
+    for more in (), ("--adaptive", "--bounce", 1), ("--camera", "panorama"):
+        assert found in cli(*words, "--plan", plan_on("host"), *more).out
     plain = cli(*words, "--device", "host").out
     assert "by the plan bsah+chcrt+device:host:0, the device traces camera and shadow rays" in plain

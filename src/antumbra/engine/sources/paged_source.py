@@ -467,7 +467,7 @@ class Paged:
         if camera.listed:
             passes = [camera_pass(cast(ExplicitRays, camera.view(self.scene.origin)), rows)]
             shape = rows.stop - rows.start, camera.width
-            surfaces = next(self._surfaces_hit(passes, shape, progress))
+            surfaces = next(self._surfaces_hit(passes, shape, progress))._replace(device=self._seen_on)
         else:
             surfaces = self.see(camera, rows, progress)
         self._camera_mark = self.residency.paging.bytes
@@ -485,8 +485,7 @@ class Paged:
             of_band[rows] = True
             triangles, hits = self._shown(rays_through(rays, of_band, self.threads), hits, triangles)
         gbuffer = from_hits(hits.triangle, hits.t, triangles, rays, self.threads, rows.start)
-        device = self._device if self._sees_there else None
-        return Surfaces(gbuffer, triangles, hits.face, self.scene.box, device=device)
+        return Surfaces(gbuffer, triangles, hits.face, self.scene.box, device=self._seen_on)
 
     def nearest(
         self, passes: Sequence[RayPass], shape: tuple[int, int], by: ChcRtState | None = None
@@ -644,6 +643,11 @@ class Paged:
     def _sees_there(self) -> bool:
         """Whether a device finds nearest hits."""
         return all(state.on_device is not None and state.sees_on_device for _, state in self._ranges)
+
+    @property
+    def _seen_on(self) -> str | None:
+        """The device that finds nearest hits; None: the CPU finds them."""
+        return self._device if self._sees_there else None
 
     def hit_triangles(self, hits: Sequence[Hits], threads: int) -> tuple[Triangles, list[np.ndarray]]:
         """Copies of the triangles that rays hit, each once, and for each of `hits` their (h, w) int32 indices, or -1.
