@@ -100,7 +100,7 @@ class AnyScene(RayQueries):
 
     @classmethod
     def of_data(cls, data: SceneData) -> Self:
-        """The scene with this data."""
+        """A scene with the given data, such as the `data` of another scene."""
         scene = cls.__new__(cls)
         scene.__setstate__({"data": data})
         return scene
@@ -129,11 +129,11 @@ class AnyScene(RayQueries):
             return self._engine
 
     def camera(self, index: int = 0, time: float = 0.0) -> Camera:
-        """Camera `index` of the file at `time`."""
+        """A camera of the file, by its index, at a time in seconds."""
         return self.data.camera(index, time)
 
     def light(self, index: int = 0, time: float = 0.0) -> Light:
-        """Light `index` of the file at `time`."""
+        """A light of the file, by its index, at a time in seconds."""
         return self.data.light(index, time)
 
     def triangles(self, time: float = 0.0, threads: int | None = None) -> Triangles:
@@ -225,13 +225,16 @@ class AnyScene(RayQueries):
         self.engine.update(vertices, objects, transform, threads)
 
     def clamped(self, time: float) -> float:
-        """`time`, clamped to 0 .. `duration`. Raises InputError unless it is a number."""
+        """A time in seconds, clamped to 0 .. `duration`. Raises InputError unless it is a number."""
         return self.data.clamped(time)
 
     def ground_height(self, time: float | None = None) -> float:
         """The height along the up axis, in world units, of a level ground just below the scene.
 
-        time : seconds, for the scene at this time of an animation; None: the whole animation
+        Parameters
+        ----------
+        time : float or None
+            Seconds; the scene at this time of an animation. None: the whole animation.
         """
         return self.data.ground_height(time)
 
