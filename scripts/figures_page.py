@@ -384,10 +384,7 @@ def below_in_rebuilds() -> Below:
     for ours in where(results["rows"], method="auto"):
         peers = [r["shadows"] for r in where(results["rows"], scene=ours["scene"]) if r["method"].startswith("Embree")]
         ratios.append(min(peers) / ours["shadows"])
-    why = (
-        "of frames of 10 to 26 ms, `auto` takes 1 to 5 ms for its choice, without which `cones` win in three of them; "
-        "of a million triangles in the atrium, culling leaves half and takes 16 ms or more"
-    )
+    why = "these frames take 11 to 26 ms, of which `auto` spends 1 to 3 ms on choosing a method"
     return Below("new triangles in every frame, `auto`", ratios, len(ratios), why)
 
 
@@ -396,7 +393,7 @@ def below_in_updates() -> Below:
     for ours in where(rows, method="update + occluded"):
         peers = [r for r in where(rows, scene=ours["scene"], kind=ours["kind"]) if "wrong" not in r]
         ratios.append(min(r["total_ms"] for r in peers) / ours["total_ms"])
-    why = "an update makes new arrays, since running queries keep the old ones, and refits a binary and a wide tree"
+    why = "an update keeps the old arrays, which running queries still read, and refits two trees instead of one"
     return Below("updates: a million triangles move", ratios, len(ratios), why)
 
 
@@ -404,11 +401,11 @@ def below_in_builds() -> Iterable[Below]:
     for ours, theirs in (("lbvh", "embree low"), ("bsah", "embree medium")):
         both = [[where(load("build")["rows"], method=m), m] for m in (ours, theirs)]
         ratios = [b["median_ms"] / a["median_ms"] for a, b in zip(both[0][0], both[1][0])]
-        why = "trees as good as Embree's of high quality, in time that varies by a tenth between runs"
+        why = "the trees are as good as Embree's best ones, and times vary by a tenth between runs"
         yield Below(f"building trees, `{ours}` beside {theirs}", ratios, len(ratios), why)
 
 
-_OPEN = "in open scenes, up to 14 rays decide, where Open3D traces one and is wrong"
+_OPEN = "in scenes with gaps, up to 14 rays vote on a point, where Open3D traces one and is wrong"
 _ALL = "hits at one point count once, which takes the exact t of every hit"
 _DROP_IN = {"contains": _OPEN, "signed distance": _OPEN, "hit counts": _ALL, "all hits": _ALL}
 """Query -> why a peer is faster; other queries: see `below_in_drop_in`."""

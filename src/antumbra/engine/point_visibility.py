@@ -72,6 +72,13 @@ def visibility(
     ------
     InputError
         If a shape or dtype is wrong, the plan is unknown, or all points fail.
+
+    Examples
+    --------
+    >>> roof = at.Scene.from_arrays([[0, 0, 1], [4, 0, 1], [0, 4, 1]], [[0, 1, 2]])
+    >>> lamp = at.PointLight((1, 1, 2), intensity=1)
+    >>> at.visibility(roof, [[1, 1, 0], [8, 8, 0]], lamp).fraction
+    array([0., 1.], dtype=float32)
     """
     scene = scene_of(scene)
     engine = scene.engine.with_options(plan, threads, max_memory)

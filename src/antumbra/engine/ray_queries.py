@@ -66,6 +66,12 @@ class RayQueries:
         InputError
             If shapes do not broadcast; origins, directions or targets are NaN, infinite or beyond float32; a direction
             is zero; tmin is negative or infinite; tmax is NaN; or targets are combined with directions, tmin or tmax.
+
+        Examples
+        --------
+        >>> roof = at.Scene.from_arrays([[0, 0, 1], [4, 0, 1], [0, 4, 1]], [[0, 1, 2]])
+        >>> roof.occluded([[1, 1, 0], [3, 3, 0]], (0, 0, 1))
+        array([ True, False])
         """
         blocked: NDArray[np.bool_] = self.engine._any_hit(
             origins, directions, HitFilter(tmin, tmax, skip_face, cull_faces), targets, time, threads
@@ -101,6 +107,13 @@ class RayQueries:
         ``closest_hit(o, d, tmin=hit.t)`` finds the next hit. Repeated until there is no hit, it visits each distinct t
         once in ascending order, and reports the first face at each. The front of a face is the side from which its
         corners run counterclockwise.
+
+        Examples
+        --------
+        >>> roof = at.Scene.from_arrays([[0, 0, 1], [4, 0, 1], [0, 4, 1]], [[0, 1, 2]])
+        >>> hit = roof.closest_hit([[1, 1, 0], [3, 3, 0]], (0, 0, 1))
+        >>> hit.t, hit.face
+        (array([ 1., inf]), array([ 0, -1], dtype=int32))
         """
         hit: Hit = self.engine._closest_hit(
             origins, directions, HitFilter(tmin, tmax, skip_face, cull_faces), time, threads
@@ -211,6 +224,13 @@ class RayQueries:
         ------
         InputError
             If the shape is not (..., 3), or a point is NaN, infinite or beyond float32.
+
+        Examples
+        --------
+        >>> corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+        >>> solid = at.Scene.from_arrays(corners, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+        >>> solid.contains([[0.1, 0.1, 0.1], [1, 1, 1]])
+        array([ True, False])
         """
         inside: NDArray[np.bool_] = self.engine._inside(points, time, threads)
         return inside
@@ -245,6 +265,12 @@ class RayQueries:
         InputError
             If the shape is not (..., 3), all points fail, the scene is in a store, or its instances take more memory
             than the machine has, since they are flattened.
+
+        Examples
+        --------
+        >>> roof = at.Scene.from_arrays([[0, 0, 1], [4, 0, 1], [0, 4, 1]], [[0, 1, 2]])
+        >>> roof.closest_points([[1, 1, 3]]).distance
+        array([2.])
         """
         closest: ClosestPoints = self.engine._closest_points(points, time, threads)
         return closest

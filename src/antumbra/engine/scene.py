@@ -490,6 +490,12 @@ class Scene(AnyScene):
         InputError
             If shapes or dtypes are wrong, vertices are NaN or infinite, indices are out of range, or there are no
             triangles.
+
+        Examples
+        --------
+        >>> roof = at.Scene.from_arrays([[0, 0, 1], [4, 0, 1], [0, 4, 1]], [[0, 1, 2]])
+        >>> roof.n_triangles
+        1
         """
         data = data_of_arrays(
             vertices,
@@ -611,6 +617,12 @@ def procedural(name: str = "atrium", triangles: int | None = None, seed: int = 0
     ------
     InputError
         If the name is unknown, or the number of triangles is out of range.
+
+    Examples
+    --------
+    >>> at.procedural("city", triangles=5_000).bounds.round()
+    array([[-70.,  -0., -70.],
+           [ 70.,  33.,  70.]])
     """
     return Scene.of_data(procedural_data(name, triangles, seed))
 

@@ -109,6 +109,13 @@ def load(
     -----
     UserWarning
         Once for each kind of `Scene.notes` and with their number, such as missing textures or partly supported lights.
+
+    Examples
+    --------
+    >>> temple = at.load(at.examples.file_of("temple"))
+    >>> temple.bounds.round(1)
+    array([[ -7.7,  -0. , -11. ],
+           [  7.7,  11.8,  11. ]])
     """
     given_crs = None if crs is None else checked_crs(crs)
     if transmittance is not None and instances is None:

@@ -125,6 +125,12 @@ def line_of_sight(
     -----
     Among faces with the same t in float64, the one that `Scene.closest_hit` would report blocks. For a pair that only a
     horizon blocks, the result has the face from `faces` or `target_faces`, and the end on it as the blocking point.
+
+    Examples
+    --------
+    >>> roof = at.Scene.from_arrays([[0, 0, 1], [4, 0, 1], [0, 4, 1]], [[0, 1, 2]])
+    >>> at.line_of_sight(roof, [1, 1, 0], [[1, 1, 2], [8, 8, 2]]).visible
+    array([False,  True])
     """
     options, scene = SightOptions(**given(*args, **keywords)), measured_scene(scene)
     threads, time, keep = thread_count(options.threads), options.time, checked_keep(keep)

@@ -234,6 +234,13 @@ def sun_hours(
         if the radiation of the EPW file does not fit the sun in its time zone, or the file is from elsewhere or lacks
         some of the days; or if the time zone of the place is not one of its longitude. The notes are in
         ``about["warnings"]``.
+
+    Examples
+    --------
+    >>> ground = at.Scene.from_arrays([[0, 0, 0], [9, 0, 0], [0, 9, 0]], up="z", unit="m")
+    >>> table = at.sun_hours(ground, [[2, 2, 1]], days="2026-06-21", place=at.Place(52, 4.4))
+    >>> table.columns["sun_hours"].values.round(1)
+    array([17.])
     """
     options = SunOptions(days=days, **given(*args, **keywords))
     found = sun_blocks(scene, options, sensors, areas, matrix, keep)

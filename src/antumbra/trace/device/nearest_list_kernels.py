@@ -27,7 +27,7 @@ STATE_WORDS = 4
 """int32 of a ray's nearest hit so far: its t in float64, as in a new hit; face plus one, or 0 for none; unused."""
 
 
-class TileRays(NamedTuple):
+class ListedRays(NamedTuple):
     """Rays of some rows of pixels, one each, in screen tiles as in `TileSegments`, and their nearest hits so far."""
 
     rays: RayBuffers
@@ -123,7 +123,7 @@ def _keep(tiled, work, i, t, best):
 
 
 @kernel
-def find_listed(lists, tiled, work):  # lists: TreeListBuffers, tiled: TileRays, work: Work
+def find_listed(lists, tiled, work):  # lists: TreeListBuffers, tiled: ListedRays, work: Work
     """Trace rays through the trees of their lists: keep and list their new nearest hits; records for undecided tests.
 
     It may be repeated: the hits of the first time are not new in the second.
@@ -154,7 +154,7 @@ def find_listed(lists, tiled, work):  # lists: TreeListBuffers, tiled: TileRays,
         _keep(tiled, work, i, t, best)
 
 
-_TILED = TileRays(RAYS, 0, 0, 0, 0, 0, 0, 0, 0)
+_TILED = ListedRays(RAYS, 0, 0, 0, 0, 0, 0, 0, 0)
 _LISTS = TreeListBuffers(0, 0, 0, 0, 0, 0)
 
 NEAREST_LIST_KERNELS = {"find_listed": DeviceKernel(find_listed, (_LISTS, _TILED, WORK))}

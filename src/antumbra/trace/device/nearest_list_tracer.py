@@ -21,7 +21,7 @@ from .device_kernels import RECORD
 from .device_rays import RayBuffers
 from .device_surfaces import pixels_of
 from .device_traversal import COUNTS, REST, WON, Work
-from .nearest_list_kernels import HIT_WORDS, STATE_WORDS, TileRays
+from .nearest_list_kernels import HIT_WORDS, STATE_WORDS, ListedRays
 from .tree_list_kernels import CORNERS
 from .tree_list_tracer import TiledTracer, TreeLists
 
@@ -101,10 +101,10 @@ class TiledRays:
         tmin, tmax = own or spans
         return RayBuffers(origins, ends, tmin, tmax, skip, 0, float(shared_tmin), float(shared_tmax), -1)
 
-    def on_tiles(self, tiles: int) -> TileRays:
+    def on_tiles(self, tiles: int) -> ListedRays:
         """The rays of tiles; tiles: the address of their numbers, int32."""
         grid, (_, width) = self.grid, self.grid.shape
-        return TileRays(
+        return ListedRays(
             self._buffers, self._state.address, tiles, grid.pixels, self._tile_rows, grid.across, width,
             grid.rows.start, grid.rows.stop,
         )  # fmt: skip

@@ -129,7 +129,8 @@ class CellVerdicts:
     ) -> None:
         self._corners, self._box, self._crossings = corners, box, crossings
         self._along, self._caps = along.astype(np.float32), caps
-        self._points, self._grid = 0, None
+        self._points = 0
+        self._grid: OccupancyGrid | None = None
 
     def of(self, rays: RayArguments, threads: int) -> FoundCells | None:
         """What the cells decide about the origins of rays; None as long as there is no grid."""
