@@ -46,6 +46,10 @@ class ArrayPool:
             block = np.empty(room + _ALIGNMENT, np.uint8)
         return np.asarray(_Lease(self, block, room, size)).view(kind).reshape(shape)
 
+    def clear(self) -> None:
+        """Free the memory that nothing refers to."""
+        self._free.clear()
+
     def _recycle(self, block: NDArray[np.uint8], room: int) -> None:
         if room > self._max_bytes:
             return
@@ -53,7 +57,7 @@ class ArrayPool:
         if len(blocks) < self._max_free:
             blocks.append(block)
         self._free[room] = blocks  # behind all other sizes
-        while sum(size * len(free) for size, free in list(self._free.items())) > self._max_bytes:
+        while sum(size * len(free) for size, free in self._free.copy().items()) > self._max_bytes:
             self._free.pop(next(iter(list(self._free)), 0), None)
 
 
@@ -86,3 +90,8 @@ def recycled_empty(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
         return ArrayPool(0).empty(shape, dtype)
     step = (1 << (size - 1).bit_length()) // (2 * _STEPS)
     return _recent.empty(shape, dtype, -(-size // step) * step)
+
+
+def release_recycled() -> None:
+    """Free the blocks that wait for `recycled_empty`."""
+    _recent.clear()

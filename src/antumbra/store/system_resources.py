@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.errors import InputError
+from ..kernels.array_pool import release_recycled
 
 # --- Disk space -------------------------------------------------------------------------------------------------------
 
@@ -74,7 +75,8 @@ def resident_memory() -> int:
 
 
 def release_freed() -> None:
-    """Return freed memory that the C library still holds to the system, where that is possible (glibc)."""
+    """Return freed memory that pools and the C library still hold to the system, as far as possible (glibc)."""
+    release_recycled()
     with suppress(AttributeError, OSError, TypeError):
         ctypes.CDLL(None).malloc_trim(0)
 
