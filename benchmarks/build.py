@@ -108,11 +108,13 @@ def measure(name: str, vertices, threads: int, rounds: int, size: int) -> list[d
     qualities = QUALITIES if has_embree() else ()
     seconds = {k: [] for k in (*ours, *(f"embree {q}" for q in qualities))}
     with Device(threads) if qualities else nullcontext() as device:
+        runs = {k: lambda build=build: timed(build) for k, build in ours.items()}
+        runs |= {f"embree {q}": lambda q=q: embree_seconds(device, vertices, q) for q in qualities}
+        order = list(runs)
         for _ in range(rounds):
-            for k, build in ours.items():
-                seconds[k].append(timed(build))
-            for q in qualities:
-                seconds[f"embree {q}"].append(embree_seconds(device, vertices, q))
+            for k in order:
+                seconds[k].append(runs[k]())
+            order = order[1:] + order[:1]  # what runs after a long build takes longer
     peer = seconds.get(PEER)
     return [
         {
