@@ -406,7 +406,7 @@ def below_in_builds() -> Iterable[Below]:
 
 
 _OPEN = "in scenes with gaps, up to 14 rays vote on a point, where Open3D traces one and is wrong"
-_ALL = "hits at one point count once, which takes the exact t of every hit"
+_ALL = "hits at one point count once, which takes their t"
 _DROP_IN = {"contains": _OPEN, "signed distance": _OPEN, "hit counts": _ALL, "all hits": _ALL}
 """Query -> why a peer is faster; other queries: see `below_in_drop_in`."""
 

@@ -26,7 +26,7 @@ THROUGH = {
         trace/rays/instance_rays trace/rays/instance_traversal trace/rays/local_rays formats/instance_arrays
     """,
     "trees of all builders": """
-        bvh/top_levels kernels/transposition
+        kernels/transposition
     """,
     "loops of kernels in threads": """
         kernels/ticket_loops
@@ -48,7 +48,7 @@ THROUGH = {
         generate/forest generate/palette scene/palette_scene
     """,
     "the tracer of the folder": """
-        trace/frusta/frusta_areas trace/terrain/terrain_sweep
+        trace/device/nearest_list_kernels trace/frusta/frusta_areas trace/terrain/terrain_sweep
     """,
     "scenes that are loaded, joined and updated": """
         base/pickles scene/map_degrees scene/moved_geometry
