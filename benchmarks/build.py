@@ -13,6 +13,7 @@ camera (512 x 512 or N x N).
 """
 
 import json
+import random
 import statistics
 import time
 from contextlib import nullcontext
@@ -110,11 +111,10 @@ def measure(name: str, vertices, threads: int, rounds: int, size: int) -> list[d
     with Device(threads) if qualities else nullcontext() as device:
         runs = {k: lambda build=build: timed(build) for k, build in ours.items()}
         runs |= {f"embree {q}": lambda q=q: embree_seconds(device, vertices, q) for q in qualities}
-        order = list(runs)
+        shuffled = random.Random(0)
         for _ in range(rounds):
-            for k in order:
+            for k in shuffled.sample(list(runs), len(runs)):  # what runs after a long build takes longer
                 seconds[k].append(runs[k]())
-            order = order[1:] + order[:1]  # what runs after a long build takes longer
     peer = seconds.get(PEER)
     return [
         {
