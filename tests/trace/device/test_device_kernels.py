@@ -13,8 +13,10 @@ from antumbra.trace.device.cutout_kernels import CUTOUT_KERNELS
 from antumbra.trace.device.device_kernels import KERNELS, add_kernels
 from antumbra.trace.device.device_launches import DeviceLaunches
 from antumbra.trace.device.instance_kernels import INSTANCE_KERNELS
+from antumbra.trace.device.nearest_list_kernels import NEAREST_LIST_KERNELS
 from antumbra.trace.device.pixel_kernels import PIXEL_KERNELS
 from antumbra.trace.device.ploc_kernels import PLOC_KERNELS
+from antumbra.trace.device.raster_kernels import RASTER_KERNELS
 from antumbra.trace.device.tree_list_kernels import TREE_LIST_KERNELS
 from devices import opened
 
@@ -37,6 +39,8 @@ def test_every_kernel_is_in_the_list_once():
         CULL_KERNELS,
         SOURCE_KERNELS,
         PIXEL_KERNELS,
+        RASTER_KERNELS,
+        NEAREST_LIST_KERNELS,
     ],
 )
 def test_no_kernel_takes_the_name_of_another_one(kernels):

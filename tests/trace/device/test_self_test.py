@@ -14,9 +14,11 @@ from antumbra.trace.device.build_kernels import BUILD_KERNELS
 from antumbra.trace.device.cutout_kernels import CUTOUT_KERNELS
 from antumbra.trace.device.device_kernels import KERNELS
 from antumbra.trace.device.instance_kernels import INSTANCE_KERNELS
+from antumbra.trace.device.nearest_list_kernels import NEAREST_LIST_KERNELS
 from antumbra.trace.device.pixel_kernels import PIXEL_KERNELS
 from antumbra.trace.device.raster_kernels import RASTER_KERNELS
 from antumbra.trace.device.self_test import check_device, open_tested, run_self_test
+from antumbra.trace.device.tree_list_kernels import TREE_LIST_KERNELS
 from devices import DEVICES, opened
 from forked import in_child
 
@@ -108,6 +110,7 @@ def test_every_kernel_of_builds_pixels_cut_outs_and_copies_takes_part(monkeypatc
     ))  # fmt: skip
     run_self_test(open_device("host"))
     kernels = BUILD_KERNELS | PIXEL_KERNELS | RASTER_KERNELS | CUTOUT_KERNELS | INSTANCE_KERNELS
+    kernels |= TREE_LIST_KERNELS | NEAREST_LIST_KERNELS
     assert {kernel.code("ptx").entry for kernel in kernels.values()} <= launched
 
 

@@ -51,6 +51,7 @@ from ..rays.ray_batches import RayTracer
 from ..rays.ray_hits import nearest_hits
 from ..rays.single_rays import as_built, trace_shadow
 from ..transmission import shares_of
+from ..tree_list import no_hits
 from .device_instances import ForestTracer
 from .device_kernels import KERNELS
 from .device_launches import DeviceLaunches
@@ -58,6 +59,7 @@ from .device_rasteriser import draw_surfaces
 from .device_stages import CAPACITIES, Capacities
 from .device_surfaces import see_surfaces
 from .device_tracer import BUILDERS, DeviceTracer
+from .nearest_list_tracer import RayGrid, RayVectors, TiledRays
 from .part_trees import part_tree
 from .resident_vertices import ResidentVertices
 from .tree_build import source_of
@@ -422,15 +424,21 @@ _TILE = 24
 """Side of a tile, so that the last one of a row lies partly outside."""
 
 
-def _compared_lists(device: Device) -> Iterator[Comparison]:
-    """Segments that triangles in several trees block, tile by tile; half of the tiles list them the other way round."""
-    cases, halves = _cases(), list[Bvh]()
+def _halves(cases: _Cases) -> list[Bvh]:
+    """Trees of every other triangle, whose boxes overlap."""
+    halves = list[Bvh]()
     for first in 0, 1:
         ids = np.arange(first, len(cases.vertices), 2, dtype=np.int32)
         bvh = build(cases.vertices[ids], 1)
         halves.append(bvh._replace(prim_ids=ids[bvh.prim_ids]))
+    return halves
+
+
+def _compared_lists(device: Device) -> Iterator[Comparison]:
+    """Segments that triangles in several trees block, tile by tile; half of the tiles list them the other way round."""
+    cases = _cases()
     for capacities in _CAPACITIES:
-        tracer, trees = TiledTracer(device, capacities), [part_tree(each, device) for each in halves]
+        tracer, trees = TiledTracer(device, capacities), [part_tree(each, device) for each in _halves(cases)]
         table = np.stack([each.row for each in trees])
         for query, _ in _shadows(cases):
             bits, expected = new_bits(query), new_bits(query)
@@ -449,6 +457,24 @@ def _compared_lists(device: Device) -> Iterator[Comparison]:
             yield bits, expected
 
 
+def _compared_list_hits(device: Device) -> Iterator[Comparison]:
+    """The nearest hits of the rays of pixels in several trees."""
+    cases, (h, w) = _cases(), (48, 64)
+    camera = Camera((1, 1, 7), (0, -3, 0), width=w, height=h)
+    rays = rays_through(camera.rays(np.zeros(3)), np.ones((h, w), np.bool_), 1)
+    vectors, across = RayVectors(*rays, np.array([[0.0, np.inf]]), 0), -(-w // _TILE)
+    face, t = nearest_hits(cases.bvh, *rays, 1)
+    tiles = np.arange(across * -(-h // _TILE), dtype=np.int32)
+    for capacities in _CAPACITIES:
+        tracer, hits = TiledTracer(device, capacities), no_hits((h, w))
+        trees = [part_tree(each, device) for each in _halves(cases)]
+        starts, items = 2 * np.arange(len(tiles) + 1, dtype=np.int32), np.tile(np.array([0, 1], np.int32), len(tiles))
+        lists = TreeLists(np.stack([each.row for each in trees]), starts, items, 1)
+        tiled = TiledRays(tracer, RayGrid(_TILE, across, (h, w), slice(0, h)), vectors, hits)
+        tiled.trace_nearest(tiles, lists, np.arange(2, dtype=np.int32), 1)
+        yield from ((hits.face.reshape(-1), face), (hits.t.reshape(-1), t))
+
+
 COMPARISONS: list[Callable[[Device], Iterator[Comparison]]] = [
     _compared_trees,
     _compared_vertices,
@@ -456,6 +482,7 @@ COMPARISONS: list[Callable[[Device], Iterator[Comparison]]] = [
     _compared_cutouts,
     _compared_instances,
     _compared_lists,
+    _compared_list_hits,
 ]
 """What the self-test compares besides the answers of queries. Modules with other kernels of devices add to it."""
 
