@@ -66,6 +66,7 @@ from .tree_build import source_of
 from .tree_list_tracer import TiledTracer, TileLayout, TreeLists, set_bits
 
 _SEED, _RAYS, _RECEIVERS, _SPP = 62, 2000, 512, 4
+_PIXELS = 40, 50  # of _RAYS
 _FRAME = 0.0, 0.0, 0.0
 _CAPACITIES = CAPACITIES, Capacities(512, 256, 64), Capacities(256, 256, 1 << 20)
 """Lists of the usual size; lists that overflow, so that rays are traced again; and by the CPU."""
@@ -458,11 +459,11 @@ def _compared_lists(device: Device) -> Iterator[Comparison]:
 
 
 def _compared_list_hits(device: Device) -> Iterator[Comparison]:
-    """The nearest hits of the rays of pixels in several trees."""
-    cases, (h, w) = _cases(), (48, 64)
-    camera = Camera((1, 1, 7), (0, -3, 0), width=w, height=h)
-    rays = rays_through(camera.rays(np.zeros(3)), np.ones((h, w), np.bool_), 1)
-    vectors, across = RayVectors(*rays, np.array([[0.0, np.inf]]), 0), -(-w // _TILE)
+    """The nearest hits of one ray per pixel in several trees; the rays point anywhere."""
+    cases, (h, w) = _cases(), _PIXELS
+    origins, ends = _lines(np.random.default_rng(_SEED), cases.vertices)
+    rays, across = (origins, ends - origins, np.full(_RAYS, -1, np.int32)), -(-w // _TILE)
+    vectors = RayVectors(*rays, np.array([[0.0, np.inf]]), 0)
     face, t = nearest_hits(cases.bvh, *rays, 1)
     tiles = np.arange(across * -(-h // _TILE), dtype=np.int32)
     for capacities in _CAPACITIES:
