@@ -40,6 +40,7 @@ from ..engine.store_building import build_store
 from ..kernels.parallel import new_ticket
 from ..query.light_samples import light_samples
 from ..query.ray_list import hit_arrays, rays_of
+from ..query.ray_passes import rays_through
 from ..query.receivers import Receivers
 from ..query.shadow_query import shadow_queries
 from ..scene.camera import Camera
@@ -49,10 +50,12 @@ from ..scene.lights import Light, QuadLight
 from ..scene.scene_data import MemoryData
 from ..scene.sky import Sky
 from ..scene.triangles import HitFilter
+from ..techniques.chcrt.occlusion_queries import cells_of_pixels
+from ..techniques.chcrt.ray_bundles import bound_rays, pass_rays, shorten_pass
 from ..techniques.srdh.representative_rays import SrdhRays
 from ..trace.alpha_cutouts import cutout_tree
 from ..trace.counters import new_counters
-from ..trace.device import device_cutouts, device_instances, settling
+from ..trace.device import device_cutouts, device_instances, nearest_list_tracer, settling
 from ..trace.device.device_rays import pack_receivers
 from ..trace.rays.local_rays import local_rays
 from ..trace.rays.row_tiles import FEWEST
@@ -265,6 +268,11 @@ def _devices() -> None:
     device_cutouts.first_cutouts(records, cutouts, bvh, 0, 1)
     copies = InstanceTrees(small_instances(), BUILDERS["bsah"].build, 1)
     device_instances.traced_rays(records, copies, 0, False, 1)
+    nearest_list_tracer.numbers_of(records, np.zeros((len(records), 9), np.float32), 0, 1)
+    (h, w), tiles = seen.face.shape, np.zeros(1, np.int32)
+    rays = pass_rays(rays_through(camera.rays(triangles.origin), np.ones((h, w), np.bool_), 1), h, w, 1.0)
+    picture, spans = cells_of_pixels(h, w), np.array([[0, 1, 0, 1]], np.int32)
+    shorten_pass(bound_rays(picture, rays, 1)[0], spans, tiles, picture, rays, 1)
 
 
 _DEFAULT = Plan()

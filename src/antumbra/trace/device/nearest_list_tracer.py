@@ -153,7 +153,7 @@ class TiledRays:
         tracer.on_cpu += left
         records = tracer.launches.block("rest", 0, "").read(np.empty((left, RECORD)))
         corners = tracer.launches.block("corners", 0, "").read(np.empty((left, CORNERS), np.float32))
-        found = _hits_of(records, *_numbers_of(records, corners, self.cull_faces, threads))
+        found = _hits_of(records, *numbers_of(records, corners, self.cull_faces, threads))
         at = found["ray"] + self.grid.rows.start * self.grid.shape[1]
         face = hits.face.reshape(-1)[at]
         t, known = found["signed_t"], np.where(face >= 0, hits.signed_t.reshape(-1)[at], np.inf)
@@ -188,7 +188,7 @@ def _decide_tests(ticket, records, heads, corners, cull_faces, signed, t):
             signed[k], t[k] = signed_t(ray, triangles, k), hit_t(ray, triangles, k)
 
 
-def _numbers_of(
+def numbers_of(
     records: settling.Records, corners: NDArray[np.float32], cull_faces: int, threads: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The `filters.signed_t` and the `filters.hit_t` of the hits that records are, (m,) each; inf: a miss."""
