@@ -87,7 +87,7 @@ def test_chunks_of_a_store_are_cached_on_a_device(monkeypatch, tmp_path, capsys)
     device.main()
     rows = json.loads(path.read_text())["rows"]
     assert [(row["case"], row["method"]) for row in rows] == [
-        (f"{view} {k}", method)
+        (f"shadow {view} {k}", method)
         for view in ("near", "far")
         for k in range(2)
         for method in ("device, host arrays", "cpu")

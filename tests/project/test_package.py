@@ -285,7 +285,8 @@ def test_wheel_is_pure_and_holds_the_package_only(built):
         package / "lab/papers/needs.json",
         *package.glob("lab/papers/*/README.md"),
     ]
-    data += [package / "py.typed", *(path for path in package.glob("web/*/*.*") if path.suffix != ".pyc")]
+    data += [package / "py.typed", *(package / "viewer").glob("page.[cm]*s")]
+    data += [path for path in package.glob("web/*/*.*") if path.suffix != ".pyc"]
     data += [path for path in (package / "examples").iterdir() if path.suffix not in (".py", "")]
     assert inside == {path.relative_to(ROOT / "src").as_posix() for path in (*SOURCES, *data)}
 

@@ -40,7 +40,7 @@ API void fake_set(int new_devices, int new_version, int new_capability, int new_
 }
 API void fake_pend(int queries) { pending = queries; } /* events are not ready for so many queries; -1: never */
 API void fake_register(const char *name, kernel_t run, int words) {
-  if (n_kernels == sizeof kernels / sizeof *kernels || words > 64) abort();
+  if (n_kernels == sizeof kernels / sizeof *kernels || words > 128) abort();
   strncpy(kernels[n_kernels].name, name, 63); kernels[n_kernels].run = run; kernels[n_kernels++].words = words;
 }
 API void fake_counts(int *out) { out[0] = live; out[1] = streams; out[2] = events; out[3] = pinned; out[4] = depth; }
@@ -129,7 +129,7 @@ API int cuModuleGetFunction(void **out, void *module, const char *name) {
 API int cuFuncGetAttribute(int *out, int which, void *function) { TRY_IN_CONTEXT; *out = which; return OK; }
 API int cuLaunchKernel(void *function, unsigned gx, unsigned gy, unsigned gz, unsigned bx, unsigned by, unsigned bz,
                        unsigned shared, void *stream, void **parameters, void **extra) {
-  int64_t words[64];
+  int64_t words[128];
   TRY_IN_CONTEXT;
   for (int i = 0; i < n_kernels; i++)
     if (function == &kernels[i]) {

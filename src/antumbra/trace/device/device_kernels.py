@@ -318,8 +318,9 @@ def report_hits(tree, rays, work, hits, first, n):  # tree: TreeBuffers, work: W
 
 
 @kernel
-def use_picture_t(tree, rays, work, hits):  # tree: TreeBuffers, work: Work, hits: HitBuffers, with numbers
+def use_picture_t(tree, rays, work, hits):
     """Write t as pictures on the CPU have it, by `filters.hit_t`."""
+    # In: tree: TreeBuffers, rays: RayBuffers, work: Work, hits: HitBuffers, with numbers. Out: t of hits
     j, corners = thread_index(), stack_f32(9)
     if j >= work.n:
         return
