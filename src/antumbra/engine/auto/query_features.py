@@ -133,9 +133,8 @@ def facing_share(query: ShadowQuery, places: NDArray[np.int64]) -> float:
         return 1.0
     a, b, c = query.corners[faces[there]].reshape(-1, 3, 3).swapaxes(0, 1)
     u, v = b - a, c - a
-    normals = (u[:, _YZX] * v[:, _ZXY] - u[:, _ZXY] * v[:, _YZX]) * sides[
-        there, None
-    ]  # np.cross takes three times that
+    normals = u[:, _YZX] * v[:, _ZXY] - u[:, _ZXY] * v[:, _YZX]  # np.cross takes three times that
+    normals *= sides[there, None]
     samples = query.samples[0, :: -(-query.samples.shape[1] // _FACING_POINTS)]
     points = light.base + (0.0 if light.kind == SPHERE else samples @ np.stack([light.u, light.v, light.w]))
     points = points.reshape(-1, 1, 3)

@@ -438,8 +438,9 @@ def _halves(cases: _Cases) -> list[Bvh]:
 def _compared_lists(device: Device) -> Iterator[Comparison]:
     """Segments that triangles in several trees block, tile by tile; half of the tiles list them the other way round."""
     cases = _cases()
+    halves = _halves(cases)
     for capacities in _CAPACITIES:
-        tracer, trees = TiledTracer(device, capacities), [part_tree(each, device) for each in _halves(cases)]
+        tracer, trees = TiledTracer(device, capacities), [part_tree(each, device) for each in halves]
         table = np.stack([each.row for each in trees])
         for query, _ in _shadows(cases):
             bits, expected = new_bits(query), new_bits(query)
@@ -461,6 +462,7 @@ def _compared_lists(device: Device) -> Iterator[Comparison]:
 def _compared_list_hits(device: Device) -> Iterator[Comparison]:
     """The nearest hits of one ray per pixel in several trees; the rays point anywhere."""
     cases, (h, w) = _cases(), _PIXELS
+    halves = _halves(cases)
     origins, ends = _lines(np.random.default_rng(_SEED), cases.vertices)
     rays, across = (origins, ends - origins, np.full(_RAYS, -1, np.int32)), -(-w // _TILE)
     vectors = RayVectors(*rays, np.array([[0.0, np.inf]]), 0)
@@ -468,7 +470,7 @@ def _compared_list_hits(device: Device) -> Iterator[Comparison]:
     tiles = np.arange(across * -(-h // _TILE), dtype=np.int32)
     for capacities in _CAPACITIES:
         tracer, hits = TiledTracer(device, capacities), no_hits((h, w))
-        trees = [part_tree(each, device) for each in _halves(cases)]
+        trees = [part_tree(each, device) for each in halves]
         starts, items = 2 * np.arange(len(tiles) + 1, dtype=np.int32), np.tile(np.array([0, 1], np.int32), len(tiles))
         lists = TreeLists(np.stack([each.row for each in trees]), starts, items, 1)
         tiled = TiledRays(tracer, RayGrid(_TILE, across, (h, w), slice(0, h)), vectors, hits)
