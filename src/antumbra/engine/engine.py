@@ -101,7 +101,8 @@ class Engine(RayQueries):
         None: all cores.
     max_memory : int or None
         For a scene in a store, the limit in bytes on the memory of the process at any time; None: the scene's own
-        limit, or 4 GiB. On a device, the limit on the memory taken there; None: all that is free.
+        limit, or the default of `PagedScene.max_memory`. On a device, the limit on the memory taken there; None: all
+        that is free.
     gbuffer : "raster", "rays" or "auto"
         The method of `surfaces`; all give the same bits. "auto": rasterise; once a tree is cached, use whichever is
         faster; on a device, rays. "raster" leaves this to the CPU. Stores, and cameras that are not perspective, always

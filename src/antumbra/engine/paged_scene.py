@@ -7,7 +7,7 @@ from ..base.errors import InputError
 from ..base.wording import counted
 from ..store.store_data import StoreData
 from ..store.store_file import Store
-from ..store.system_resources import MAX_MEMORY, resident_memory
+from ..store.system_resources import default_limit, resident_memory
 from .scene import AnyScene, DataAttribute
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ class PagedScene(AnyScene):
         The open file, or the tiles. Above 2^31 - 1 triangles, faces are numbered by int64.
     max_memory : int or None
         Limit in bytes on the memory of the process, for all queries without a `max_memory` argument, such as `occluded`
-        and `closest_hit`; None: 4 GiB.
+        and `closest_hit`; None: 4 GiB, or 1 GiB beyond what the process already holds, whichever is more.
     """
 
     data: StoreData
@@ -42,7 +42,7 @@ class PagedScene(AnyScene):
 
     @property
     def max_memory(self) -> int | None:
-        """Limit in bytes on the memory of the process; None: 4 GiB. Setting an invalid size raises InputError."""
+        """Limit in bytes on the memory of the process; None: see above. Setting an invalid size raises InputError."""
         return self.data.max_memory
 
     @max_memory.setter
@@ -56,7 +56,7 @@ class PagedScene(AnyScene):
         from .sources.paged_views import ViewsInStore
 
         needed = self.data.cutout_bytes + RESERVED + _VIEW_MEMORY
-        limit = min(self.max_memory or MAX_MEMORY, resident_memory() + needed)
+        limit = min(self.max_memory or default_limit(), resident_memory() + needed)
         return ViewsInStore(cast(Paged, self.engine.with_options(None, None, limit).source))  # the scene's chunks leave
 
     def refusal(self) -> InputError:

@@ -56,8 +56,8 @@ def visibility(
     spp, plan, time, threads, sampler, seed, cull_faces
         As in `antumbra.render`. Point i uses sample set i mod 4.
     max_memory : int or None
-        For a scene in a store, the limit in bytes on the memory of the process; None: 4 GiB. The chunks read stay in
-        memory for the next query with the same plan, threads and limit.
+        For a scene in a store, the limit in bytes on the memory of the process; None: its `max_memory`. The chunks read
+        stay in memory for the next query with the same plan, threads and limit.
     progress : function of (done, total), or bool, optional
         Called about ten times a second. False: nothing is shown. None: terminals and notebooks show a bar after a
         second.

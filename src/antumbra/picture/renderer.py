@@ -48,8 +48,8 @@ class Renderer:
         The method of primary visibility; both give the same bits. "auto" rasterizes; once a tree is cached, it uses
         whichever method was faster. Stores and non-perspective cameras always use rays.
     max_memory : int or None
-        Limit in bytes on the memory of the process, for scenes in a store; None: 4 GiB. On a device, the limit on the
-        memory taken there; None: all that is free.
+        Limit in bytes on the memory of the process, for scenes in a store; None: see `PagedScene.max_memory`. On a
+        device, the limit on the memory taken there; None: all that is free.
     device : str or None
         The device that traces shadow rays, such as ``"cuda"``; see `antumbra.engine.engine.Engine`.
 

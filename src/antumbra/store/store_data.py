@@ -25,7 +25,7 @@ from .store_format import VERSION
 from .stored_cutouts import StoredCutouts
 from .stored_heights import StoredTerrain
 from .stored_looks import SceneLooks
-from .system_resources import MAX_MEMORY, resident_memory
+from .system_resources import default_limit, resident_memory
 
 _OF_LOOKS = "a store keeps the mean colour"  # in notes of earlier stores of scenes with materials
 _WITH_CUTOUTS = 3  # the first version that has cut-outs
@@ -37,7 +37,7 @@ class StoreData(SceneData):
     """Name, bounds, cameras and lights of a scene whose triangles are in a store. It is static."""
 
     resident: ClassVar[bool] = False
-    max_memory: int | None = None  # limit in bytes on the memory of the process; None: `MAX_MEMORY`
+    max_memory: int | None = None  # limit in bytes on the memory of the process; None: `default_limit()`
 
     def __init__(self, store: Store):
         if not isinstance(store, Store):
@@ -196,7 +196,7 @@ class StoreData(SceneData):
             )
 
     def fits(self, size: int) -> bool:
-        return self._need(size) <= (self.max_memory or MAX_MEMORY)
+        return self._need(size) <= (self.max_memory or default_limit())
 
     def _need(self, size: int) -> int:
         """The memory of this process with `size` bytes for each triangle."""

@@ -47,7 +47,9 @@ def check_disk_space(folder: Path, file: str, triangles: int, written: int = 0, 
 
 
 MAX_MEMORY = 4 << 30
-"""Limit in bytes on the memory of work on stores, unless a user sets another."""
+"""Limit in bytes on the memory of work on stores, unless a user sets another; see `default_limit`."""
+
+_MIN_SHARE = 1 << 30
 
 
 def peak_resident_memory() -> int | None:
@@ -72,6 +74,16 @@ def resident_memory() -> int:
             return int(stream.read().split()[1]) * mmap.PAGESIZE
     except OSError:
         return peak_resident_memory() or 0
+
+
+def default_limit(held: int = 0) -> int:
+    """Limit in bytes on the memory of this process, unless a user sets another, while it works on a store.
+
+    It leaves at least 1 GiB to the store: the arrays of a notebook may already take more than `MAX_MEMORY`.
+
+    held : bytes that the store already holds
+    """
+    return max(MAX_MEMORY, resident_memory() - held + _MIN_SHARE)
 
 
 def release_freed() -> None:

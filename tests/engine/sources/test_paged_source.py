@@ -12,11 +12,13 @@ import numpy as np
 import pytest
 
 import antumbra as at
+from antumbra.engine.sources import paged_source
 from antumbra.engine.sources.paged_source import Bands
 from antumbra.engine.store_building import build_store
 from antumbra.picture.frame_request import TimeSample
 from antumbra.picture.renderer import Renderer
 from antumbra.picture.traversal_steps import explain
+from antumbra.store import system_resources
 from antumbra.store.chunk_residency import POLICIES, Residency
 
 SIZE = 72, 60
@@ -247,6 +249,20 @@ def test_a_limit_on_memory_counts_from_the_next_question_on(city):
     scene.max_memory = 1 << 20
     with pytest.raises(at.InputError, match="1M of memory is not enough"):
         scene.occluded((0, 500, 0), (0, -1, 0))
+
+
+def test_what_a_process_holds_already_refuses_no_store(city, monkeypatch):
+    """The arrays of a notebook may take more than the default limit, and grow while a store is open."""
+    scene, camera = at.load(city[1]), _cameras(city[0])[1].resized(32, 24)
+    truth = at.render(city[0], camera, LIGHT, spp=2)
+    for held in (0, 5 << 30, 40 << 30):
+        for module in (system_resources, paged_source):
+            monkeypatch.setattr(module, "resident_memory", lambda held=held: (1 << 28) + held)
+        assert scene.occluded((0, 500, 0), (0, -1, 0))
+        _same(at.render(scene, camera, LIGHT, spp=2), truth)
+        assert scene.data.fits(1)
+    with pytest.raises(at.InputError, match="1024M of memory is not enough"):
+        at.render(scene, camera, LIGHT, spp=2, max_memory=1 << 30)
 
 
 def test_old_questions_are_forgotten(city):

@@ -35,7 +35,7 @@ from ...store.chunk_residency import Paging, RangeMemory, Residency, TriangleCop
 from ...store.store_data import StoreData
 from ...store.store_directory import top_tree
 from ...store.store_file import FaceRange, Store
-from ...store.system_resources import MAX_MEMORY, release_freed, resident_memory
+from ...store.system_resources import default_limit, release_freed, resident_memory
 from ...techniques.chcrt.chc_rt import ChcRtRanges, ChcRtState, camera_hits, nearest_hits, ray_hits
 from ...techniques.chcrt.chcrt_tracer import ChcRtTracer
 from ...techniques.chcrt.nearest_hits import mark_hits, number_hits
@@ -244,7 +244,7 @@ class Paged:
     accelerator : Accelerator
         Its plan gives the tracer for the store's trees.
     settings : SourceSettings
-        Its `max_memory` is a limit in bytes on the memory of the process at any time; None: 4 GiB.
+        Its `max_memory` is a limit in bytes on the memory of the process at any time; None: `default_limit`.
     find_cutouts : function of (max_memory, threads)
         Returns the cut-outs; None: all faces are solid.
 
@@ -278,11 +278,11 @@ class Paged:
             raise InputError(
                 f"plan {str(plan)!r}: {data.name} is in a store, whose trees are prebuilt; use {self.default_plan}"
             )
-        limit = MAX_MEMORY if max_memory is None else byte_count(max_memory, "max_memory", 1)
+        self.limit = None if max_memory is None else byte_count(max_memory, "max_memory", 1)
         store = data.store
-        self.scene, self.threads, self.max_memory = data, accelerator.threads, limit
+        self.scene, self.threads = data, accelerator.threads
         self._turn, self._evict_others = settings.turn, settings.evict_others
-        self.store, self.residency = store, Residency(store, limit)
+        self.store, self.residency = store, Residency(store, self.limit or default_limit())
         self._start_paging: Paging | None = None  # the counts when the frame began
         self._joint_budget = 0  # bytes for rays that are traced together
         self._frame_budget, self._rooms = 0, (0, 0)  # for chunks when the frame began; of `make_room`: staying, passing
@@ -295,6 +295,11 @@ class Paged:
         self._ranges = list(zip(store.ranges, states))
         self._scheduled, self._find_cutouts = scheduled, find_cutouts
         self._start_traffic: Any = None  # the counts of the device when the frame began
+
+    @property
+    def max_memory(self) -> int:
+        """Limit in bytes on the memory of the process: what was set, or the default, which grows with the process."""
+        return default_limit(self.residency.held) if self.limit is None else self.limit
 
     @cached_property
     def on_device(self) -> Any:
@@ -419,8 +424,10 @@ class Paged:
         InputError
             If they do not suffice for two chunks and a minimum of such rays.
         """
-        free = self.max_memory - memory.fixed - RESERVED - (resident_memory() - self.residency.held)
         required = self.residency.min_budget() * 2
+        if (free := self._free(memory)) < required:
+            release_freed()
+            free = self._free(memory)
         if free < required:
             need = -(-(self.max_memory - free + required) >> 20)
             raise InputError(
@@ -428,6 +435,9 @@ class Paged:
                 f"points; give at least {need}M, or reduce their number"
             )
         return free
+
+    def _free(self, memory: FrameMemory) -> int:
+        return self.max_memory - memory.fixed - RESERVED - (resident_memory() - self.residency.held)
 
     def _budget_with_looks(self, memory: FrameMemory) -> int:
         """`budget`, once textures of earlier frames are released if they leave too little."""

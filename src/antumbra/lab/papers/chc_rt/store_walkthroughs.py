@@ -102,7 +102,7 @@ class StoreCase(NamedTuple):
         chunks = max(int(self.share * whole), residency.min_budget())
         release_freed()
         others = resident_memory() - residency.held + memory.fixed + RESERVED
-        paged.max_memory = others + 2 * (chunks + memory.passes + memory.cells)
+        paged.limit = others + 2 * (chunks + memory.passes + memory.cells)
         paged.begin(memory)
         residency.budget = chunks
         residency.trim()
