@@ -48,7 +48,7 @@ THROUGH = {
         generate/forest generate/palette scene/palette_scene
     """,
     "the tracer of the folder": """
-        trace/device/nearest_list_kernels trace/frusta/frusta_areas trace/terrain/terrain_sweep
+        trace/frusta/frusta_areas trace/terrain/terrain_sweep
     """,
     "scenes that are loaded, joined and updated": """
         base/pickles scene/map_degrees scene/moved_geometry
