@@ -289,6 +289,7 @@ _BRIGHTEST = 0.85  # opacity of an opaque tile
 _LABEL = {"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.7}
 _SKY = 0.85  # grey of the background
 _GOLDEN = 0.618034  # hue step between consecutive parts, in turns
+_TALLEST = 2.0  # height of a panel in widths: narrow images are centred in wider panels
 _FAINT = 128  # Fig. 9 is amplified until at least half its differences reach this value
 
 
@@ -338,7 +339,7 @@ def _sheet(panels: int, state: CullingState, title: str, aside: int = 1) -> tupl
 
     h, w = state.shape
     rows = -(-panels // aside)
-    height = rows * (SHEET_WIDTH / aside * h / w + 0.25 * aside) + 0.3
+    height = rows * (SHEET_WIDTH / aside * min(h / w, _TALLEST) + 0.25 * aside) + 0.3
     sheet = Figure(figsize=(SHEET_WIDTH, height), layout="constrained")
     sheet.suptitle(f"{state.name}: {title}", fontsize=11)
     found = sheet.subplots(rows, aside, squeeze=False).ravel()
