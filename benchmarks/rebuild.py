@@ -6,10 +6,11 @@ A scene is a folder of the real scenes, a file, or a procedural scene. Procedura
 sizes. There is one point light, and one shadow ray per pixel. `differs` counts pixels whose answer differs from that of
 `lbvh+multifrusta`.
 
-All methods get the same triangles, G-buffer and receivers, and alternate within each round. None keeps anything from
-earlier frames, so `auto` chooses as in the first frame of a scene, and its choice is under `how`. Shadow times include
-culling, building and tracing. Time to image adds the shared steps (evaluating, rasterising, receivers and shading),
-measured once per frame and round. Copying vertices into Embree's buffer is not timed.
+All methods get the same triangles, G-buffer and receivers, and alternate in random order, since what runs after a large
+tree takes longer. None keeps anything from earlier frames, so `auto` chooses as in the first frame of a scene, and its
+choice is under `how`. Shadow times include culling, building and tracing. Time to image adds the shared steps
+(evaluating, rasterising, receivers and shading), measured once per frame and round. Copying vertices into Embree's
+buffer is not timed.
 """
 
 import json
@@ -163,13 +164,13 @@ def rebuild(
             for build, mode in _fastest(device, first, view, threads):
                 methods.append(stack.enter_context(_opened(device, build, mode, first, view, threads)))
         laps: dict[str, list[dict[str, float]]] = {m.name: [] for m in methods}
-        differs = dict.fromkeys(laps, 0)
+        differs, rng = dict.fromkeys(laps, 0), np.random.default_rng(0)
         for turn in range(-1, rounds):  # the first round is a warm-up and compares answers
             for k, time in enumerate(times):
                 say(f"{view.name}, frame {k + 1} of {len(times)}, round {max(turn, 0) + 1} of {rounds}")
                 frame_input, common_seconds = input_of(common, view, time)
                 bits = {}
-                for m in methods:
+                for m in (methods[i] for i in rng.permutation(len(methods))):
                     seconds, bits[m.name] = m.shadows(frame_input)
                     if turn >= 0:
                         total = sum(seconds.values())

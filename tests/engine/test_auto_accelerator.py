@@ -12,7 +12,7 @@ from antumbra.engine import accelerator, auto_accelerator, calibration, tree_cho
 from antumbra.engine.auto import cost_model
 from antumbra.engine.auto.cost_model import BEST, GOOD, GUIDED, QUICK
 from antumbra.engine.auto.query_features import features_of
-from antumbra.engine.auto.strategies import SceneExtent, sampled_candidates, suitable_strategies
+from antumbra.engine.auto.strategies import SceneExtent, StrategyMemory, sampled_candidates, suitable_strategies
 from antumbra.engine.method_registry import TRACERS
 from antumbra.picture.renderer import Renderer
 from antumbra.query.light_samples import light_samples
@@ -452,3 +452,20 @@ def test_forecasts_count_the_conversion_of_a_tree(scene, monkeypatch, conversion
     forecast = auto_accelerator.forecast_of([query], extent)
     assert (forecast.strategy == fastest) == (conversion == 0.0)
     assert forecast.seconds == pytest.approx((1.0 + conversion) * 1e-9 * forecast.features[0].rays)
+
+
+@pytest.mark.parametrize("by_points", [False, True], ids=["pictures", "points"])
+@pytest.mark.parametrize("plan", ["auto", "lbvh+auto"])
+def test_each_frame_and_each_query_of_points_counts_once(monkeypatch, plan, by_points):
+    """Frames in a kept tree once counted twice, so measured rates expired after half as many."""
+    begun, begin = [], StrategyMemory.begin
+    monkeypatch.setattr(StrategyMemory, "begin", lambda memory: begin(memory) or begun.append(memory))
+    scene = at.procedural("atrium", triangles=1000)
+    renderer, points = Renderer(scene, plan), np.random.default_rng(1).uniform(0.1, 3.0, (300, 3))
+    for _ in range(4):
+        if by_points:
+            at.visibility(scene, points, LAMP, plan=plan)
+        else:
+            frame = renderer.render(scene.cameras[0].resized(48, 40), [LAMP])
+            assert len(frame.choices) == 1
+    assert max(map(begun.count, begun)) == 4

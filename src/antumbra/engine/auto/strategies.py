@@ -399,7 +399,7 @@ def sampled_candidates(tracer: Tracer, triangles: Triangles, query: ShadowQuery,
     rows = (np.arange(0, n - _NEIGHBOURS + 1, step, dtype=np.int32)[:, None] + np.arange(_NEIGHBOURS)).reshape(-1)
     ids = rows.astype(np.int32) if solid is None else solid[rows]
     sample, counters = sample_of(query, _CANDIDATE_WINDOWS), new_counters()
-    tracer.trace(Soup(triangles.vertices.reshape(-1, 9)[ids], ids), sample, new_bits(sample), 1, counters)
+    tracer.trace(Soup(triangles.vertices.reshape(-1, 9).take(ids, 0), ids), sample, new_bits(sample), 1, counters)
     scale = n / max(len(ids), 1) * features.rays / max(ray_count(sample), 1)
     return scale * int(counters[CANDIDATES])
 
@@ -448,7 +448,7 @@ class AutoState(TracerState):
     bvh : Bvh
     threads : int
     memory : StrategyMemory
-        Outlives the tree in a sequence of frames.
+        Outlives the tree in a sequence of frames: whoever gave it begins them.
     builder : str or None
         Name of the tree's builder in `cost_model`, if the plan chose the builder, too.
     upgrade : TreeUpgrade, optional
@@ -474,13 +474,17 @@ class AutoState(TracerState):
     ) -> None:
         self.once = once
         self.forms, self.memory = TreeForms(bvh, thread_count(threads), extent), memory or StrategyMemory()
+        self._counts_frames = memory is None
         self.builder, self._upgrade, self._plain = builder, upgrade, plain
         self._missed = 0.0  # seconds that queries would have gained in a GOOD tree instead of a GUIDED one
         self._served: dict[Key, int] = {}
 
     def begin(self) -> None:
-        """Begin a frame, or a query of points."""
-        self.memory.begin()
+        """Begin a frame, a band of one, or a query of points."""
+        if self._counts_frames:
+            self.memory.begin()
+        else:
+            self.memory.choices = []
 
     def serve(self, key: Key) -> int:
         """Count a query; return the number of similar ones in this tree."""
@@ -556,8 +560,8 @@ class TreelessState(TracerState):
         self.strategy, self.soup, self.memory, self.culled = strategy, soup, memory, culled
 
     def begin(self) -> None:
-        """Begin a frame."""
-        self.memory.begin()
+        """Begin a frame, or a query of points."""
+        self.memory.choices = []
 
     @property
     def choices(self) -> list[StrategyChoice]:

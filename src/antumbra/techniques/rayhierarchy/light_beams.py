@@ -143,10 +143,8 @@ def _beam_of_ball(
     Its apex is a float32 point, so that differences to it are rounded once.
     """
     apex, none = centre.astype(np.float32).astype(np.float64), np.zeros(3)
-    radius = (radius + float(np.linalg.norm(centre - apex))) * _BEAM_MARGIN + 2.0**-22 * float(
-        np.abs(apex).max() + radius
-    )
-    unit = _unit(float(np.linalg.norm(np.maximum(np.abs(low - apex), np.abs(high - apex)))))
+    radius = (radius + math.dist(centre, apex)) * _BEAM_MARGIN + 2.0**-22 * (float(np.abs(apex).max()) + radius)
+    unit = _unit(math.hypot(*np.maximum(np.abs(low - apex), np.abs(high - apex)).tolist()))
     return Beam(PERSPECTIVE, first, count, which, False, apex, np.eye(3), unit, radius * unit, none, none, 0.0)
 
 
@@ -192,7 +190,7 @@ def _distant_list(query: ShadowQuery, low: NDArray[np.float64], high: NDArray[np
 
 def _unit(distance: float) -> float:
     """The power of two that scales a distance to between 1 / 2 and 1, limited to exponents of float32."""
-    return 2.0 ** -min(max(int(np.frexp(distance)[1]), -100), 100)
+    return 2.0 ** -min(max(math.frexp(distance)[1], -100), 100)
 
 
 # --- Projection of points: onto the six faces of a cube around the apex, or parallel for distant lights ---------------
