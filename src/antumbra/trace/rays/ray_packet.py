@@ -13,7 +13,7 @@ runs over the other triangles or over the rays of a block, whichever are fewer: 
 at once, or each ray against all triangles. So an incoherent packet degrades to single rays.
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -27,7 +27,6 @@ from ...kernels.simd import (
     bits,
     broadcast8,
     broadcast16,
-    extract,
     fma,
     get,
     load8,
@@ -42,16 +41,20 @@ from ...kernels.simd import (
     reduce_max,
     reduce_min,
     select,
+    shuffle,
     splat8,
     splat16,
+    stack_f32,
     stack_i32,
     stack_i64,
     store,
+    swap_halves,
 )
 from ..counters import BOX_TESTS, NODES, TRIANGLE_TESTS, count
-from .packet_lines import PacketLines, culled, lines_of
+from .packet_lines import PacketLines, culled, lines_of, moments_of
 from .wide_traversal import (
     BLOCK_WORDS,
+    BLOCKS,
     DX,
     FAR,
     INVERSE,
@@ -88,8 +91,9 @@ from .wide_traversal import (
 # --- Box tests of a packet --------------------------------------------------------------------------------------------
 
 
+_EXTREMES = 3 * LANES  # words
 _TWICE = np.float32(2.0)  # planes are moved twice as far as by `wide_traversal.prepare`, for the roundings of intervals
-_INF = np.float32(np.inf)
+_INF, _ZERO = np.float32(np.inf), np.float32(0.0)
 
 
 class Focus(NamedTuple):
@@ -124,108 +128,256 @@ class RayPacket(NamedTuple):
     lines: PacketLines  # by which triangles are culled
 
 
-@inlined
-def _end(rows, at, k):
-    """Coordinate k of the ends of the rays in the block at word `at`."""
-    return fma(load16(rows, DX + LANES * k + at), load16(rows, LIMIT + at), load16(rows, OX + LANES * k + at))
+# --- Extents of a packet ----------------------------------------------------------------------------------------------
+
+
+_Triple: TypeAlias = tuple[np.float32, np.float32, np.float32]
+
+
+class Extents(NamedTuple):
+    """What bounds the rays of a packet, those of the blocks that hold them; scalars and triples of scalars."""
+
+    o_low: _Triple  # least coordinates of the origins
+    o_high: _Triple  # greatest
+    d_low: _Triple  # least components of the directions
+    d_high: _Triple
+    inverse_low: _Triple  # least inverses
+    inverse_high: _Triple
+    tmin: np.float32  # least tmin
+    limit: np.float32  # greatest limit
+    shortest: np.float32  # least magnitude of a direction's largest component
+    unit: np.float32  # greatest unit of errors
 
 
 @inlined
-def _spread_of_ends(rows, alive, e):
-    """The largest distance, along an axis, from a point e to the ends of blocks with rays in `alive` (bits)."""
+def word_of(rays, j):
+    """The first word of block j; if it has no rays in `rays` (bits), that of the first block that has."""
+    return (j if rays & rays_of_block(j) != 0 else first_block(rays)) * BLOCK_WORDS
+
+
+@inlined
+def _least(a, b, c, d):
+    return minimum(minimum(a, b), minimum(c, d))
+
+
+@inlined
+def _greatest(a, b, c, d):
+    return maximum(maximum(a, b), maximum(c, d))
+
+
+@inlined
+def _row(rows, rays, at):
+    """A row of the four blocks, see `word_of`."""
+    return (
+        load16(rows, word_of(rays, 0) + at),
+        load16(rows, word_of(rays, 1) + at),
+        load16(rows, word_of(rays, 2) + at),
+        load16(rows, word_of(rays, 3) + at),
+    )
+
+
+@inlined
+def _span(row):
+    """(the least values, the greatest values) of four vectors, lane by lane."""
+    a, b, c, d = row
+    return _least(a, b, c, d), _greatest(a, b, c, d)
+
+
+@inlined
+def _fold(span):
+    """The least values in the lower half of the lanes, the negated greatest ones in the upper half."""
+    low, high = span[0], -span[1]
+    lower = mask_from_bits16(np.int64(0x00FF))
+    return minimum(select(lower, low, swap_halves(high)), select(lower, swap_halves(low), high))
+
+
+@inlined
+def _put_extremes(a, b, c, d, out):
+    """Write the least and greatest lanes of four spans to memory, 16 float32: see `_low` and `_high`."""
+    a, b, c, d = _fold(a), _fold(b), _fold(c), _fold(d)
+    even = mask_from_bits16(np.int64(0x0F0F))
+    ab = minimum(select(even, a, _swap4(b)), select(even, _swap4(a), b))
+    cd = minimum(select(even, c, _swap4(d)), select(even, _swap4(c), d))
+    even = mask_from_bits16(np.int64(0x3333))
+    v = minimum(select(even, ab, _swap2(cd)), select(even, _swap2(ab), cd))
+    store(out, 0, minimum(v, shuffle(v, 1, 0, 3, 2, 5, 4, 7, 6, 9, 8, 11, 10, 13, 12, 15, 14)))
+
+
+@inlined
+def _swap4(v):
+    return shuffle(v, 4, 5, 6, 7, 0, 1, 2, 3, 12, 13, 14, 15, 8, 9, 10, 11)
+
+
+@inlined
+def _swap2(v):
+    return shuffle(v, 2, 3, 0, 1, 6, 7, 4, 5, 10, 11, 8, 9, 14, 15, 12, 13)
+
+
+@inlined
+def _low(extremes):
+    """The least lanes of the four spans in `_put_extremes`."""
+    return get(extremes, 0), get(extremes, 4), get(extremes, 2), get(extremes, 6)
+
+
+@inlined
+def _high(extremes):
+    """Their greatest lanes."""
+    return -get(extremes, 8), -get(extremes, 12), -get(extremes, 10), -get(extremes, 14)
+
+
+@inlined
+def extents_of(rows, rays):
+    """The `Extents` of those prepared blocks that hold rays in `rays` (bits)."""
+    extremes = stack_f32(_EXTREMES)
+    o, d, inverse = extremes, ptr_at(extremes, LANES), ptr_at(extremes, 2 * LANES)
+    limits, units = _row(rows, rays, LIMIT), _row(rows, rays, UNIT)
+    ends = _span(_row(rows, rays, TMIN))[0], _span(limits)[1]
+    x, y, z = _row(rows, rays, DX), _row(rows, rays, DX + LANES), _row(rows, rays, DX + 2 * LANES)
+    lengths = (
+        maximum(maximum(absolute(x[0]), absolute(y[0])), absolute(z[0])),
+        maximum(maximum(absolute(x[1]), absolute(y[1])), absolute(z[1])),
+        maximum(maximum(absolute(x[2]), absolute(y[2])), absolute(z[2])),
+        maximum(maximum(absolute(x[3]), absolute(y[3])), absolute(z[3])),
+    )
+    _put_extremes(
+        _span(_row(rows, rays, OX)), _span(_row(rows, rays, OX + LANES)), _span(_row(rows, rays, OX + 2 * LANES)),
+        ends, o,
+    )  # fmt: skip
+    _put_extremes(_span(x), _span(y), _span(z), (_span(lengths)[0], _span(units)[1]), d)
+    last = _span(_row(rows, rays, INVERSE + 2 * LANES))
+    _put_extremes(_span(_row(rows, rays, INVERSE)), _span(_row(rows, rays, INVERSE + LANES)), last, last, inverse)
+    o_low, o_high, d_low, d_high = _low(o), _high(o), _low(d), _high(d)
+    inverse_low, inverse_high = _low(inverse), _high(inverse)
+    return Extents(
+        (o_low[0], o_low[1], o_low[2]), (o_high[0], o_high[1], o_high[2]),
+        (d_low[0], d_low[1], d_low[2]), (d_high[0], d_high[1], d_high[2]),
+        (inverse_low[0], inverse_low[1], inverse_low[2]), (inverse_high[0], inverse_high[1], inverse_high[2]),
+        o_low[3], o_high[3], d_low[3], d_high[3],
+    )  # fmt: skip
+
+
+@inlined
+def _larger(a, b):
+    """The larger of two numbers that are not NaN. Python's max would compile to tests for NaN."""
+    return a if a > b else b
+
+
+@inlined
+def _largest_distance(low, high, point):
+    """The largest distance along an axis between a point and points of a box."""
+    x = _larger(high[0] - point[0], point[0] - low[0])
+    y = _larger(high[1] - point[1], point[1] - low[1])
+    return _larger(_larger(x, y), _larger(high[2] - point[2], point[2] - low[2]))
+
+
+@inlined
+def _first_of(rows, at, row):
+    """Three numbers of the first ray of the block at word `at`."""
+    return get(rows, at + row), get(rows, at + row + LANES), get(rows, at + row + 2 * LANES)
+
+
+@inlined
+def _first_end(rows, at):
+    """The end of the first ray of the block at word `at`."""
+    o, d, limit = _first_of(rows, at, OX), _first_of(rows, at, DX), get(rows, at + LIMIT)
+    return o[0] + d[0] * limit, o[1] + d[1] * limit, o[2] + d[2] * limit
+
+
+@inlined
+def _spread_of_ends(rows, rays, e):
+    """The largest distance, along an axis, from a point e to the ends of the blocks with rays in `rays` (bits)."""
     ends = splat16(np.float32(0.0))
-    while alive:
-        j = first_block(alive)
-        alive &= ~rays_of_block(j)
+    for j in range(BLOCKS):
+        b = word_of(rays, j)
+        limit = load16(rows, LIMIT + b)
         for k in range(3):
-            ends = maximum(ends, absolute(_end(rows, j * BLOCK_WORDS, k) - e[k]))
+            end = fma(load16(rows, DX + LANES * k + b), limit, load16(rows, OX + LANES * k + b))
+            ends = maximum(ends, absolute(end - e[k]))
     return reduce_max(ends)
 
 
 @inlined
-def _focus_of(rows, alive, limit):
-    """The `Focus` of the blocks that hold the rays in `alive` (bits): the first origin, or the first end.
+def _focus_of(rows, rays, extents):
+    """The `Focus` of the blocks that hold rays in `rays` (bits), and whether all rays of these blocks start there.
 
-    The end is used if the ends are closer together than the origins, and its quotients cannot overflow.
-
-    limit : the greatest limit of the rays
+    It is the first origin, or the first end. The end is used if the ends are closer together than the origins, and its
+    quotients cannot overflow.
     """
-    first, remaining = first_block(alive) * BLOCK_WORDS, alive
-    starts, sizes = splat16(np.float32(0.0)), splat16(np.float32(0.0))
-    o = get(rows, first + OX), get(rows, first + OX + LANES), get(rows, first + OX + 2 * LANES)
-    while remaining:
-        j = first_block(remaining)
-        remaining &= ~rays_of_block(j)
-        for k in range(3):
-            start = load16(rows, OX + LANES * k + j * BLOCK_WORDS)
-            sizes, starts = maximum(sizes, absolute(start)), maximum(starts, absolute(start - o[k]))
-    size, spread = reduce_max(sizes), reduce_max(starts)
-    if spread > 0.0 and limit < _INF:
-        e = extract(_end(rows, first, 0), 0), extract(_end(rows, first, 1), 0), extract(_end(rows, first, 2), 0)
-        end = max(max(abs(e[0]), abs(e[1])), abs(e[2]))
-        if end < LARGE and _spread_of_ends(rows, alive, e) < spread:
-            return Focus(e[0], e[1], e[2], max(size, end))
-    return Focus(o[0], o[1], o[2], size)
+    o = _first_of(rows, first_block(rays) * BLOCK_WORDS, OX)
+    size = _largest_distance(extents.o_low, extents.o_high, (_ZERO, _ZERO, _ZERO))
+    spread = _largest_distance(extents.o_low, extents.o_high, o)
+    if spread > 0.0 and extents.limit < _INF:
+        e = _first_end(rows, first_block(rays) * BLOCK_WORDS)
+        end = _larger(_larger(abs(e[0]), abs(e[1])), abs(e[2]))
+        if end < LARGE and _spread_of_ends(rows, rays, e) < spread:
+            return Focus(e[0], e[1], e[2], _larger(size, end)), False
+    return Focus(o[0], o[1], o[2], size), spread == 0.0
 
 
 @inlined
-def _mixed_axis(rows, alive, k, pad):
+def _mixed_axis(rows, rays, k, o_low, o_high, pad):
     """(`low`, `high`, `near`, `far`) of `PacketAxis` k, along which directions differ in sign."""
-    backs, fronts, firsts, lasts = splat16(-_INF), splat16(_INF), splat16(_INF), splat16(-_INF)
-    zero = np.float32(0.0)
-    while alive:
-        j = first_block(alive)
-        alive &= ~rays_of_block(j)
-        b = j * BLOCK_WORDS + LANES * k
-        inverse, start = load16(rows, INVERSE + b), load16(rows, OX + b)
-        backs = maximum(backs, select(inverse < zero, inverse, splat16(-_INF)))
-        fronts = minimum(fronts, select(inverse > zero, inverse, splat16(_INF)))
-        firsts, lasts = minimum(firsts, start), maximum(lasts, start)
+    # In: o_low, o_high, the least and the greatest coordinate of the origins
+    backs, fronts = splat16(-_INF), splat16(_INF)
+    for j in range(BLOCKS):
+        inverse = load16(rows, INVERSE + LANES * k + word_of(rays, j))
+        backs = maximum(backs, select(inverse < _ZERO, inverse, splat16(-_INF)))
+        fronts = minimum(fronts, select(inverse > _ZERO, inverse, splat16(_INF)))
     back, front = reduce_max(backs), reduce_min(fronts)
-    return back, front, -(reduce_max(lasts) * front) - pad * front, -(reduce_min(firsts) * back) + pad * back
+    return back, front, -(o_high * front) - pad * front, -(o_low * back) + pad * back
 
 
 @inlined
-def _axis(rows, alive, k, origin, tree_reach, turn):
-    """The `PacketAxis` k of a packet; turn: TURN of the largest coordinate of the rays, the tree and x0 on any axis."""
-    lows, highs, nears, fars = splat16(_INF), splat16(-_INF), splat16(_INF), splat16(-_INF)
-    sizes, remaining = splat16(max(abs(origin), tree_reach[k])), alive
-    while remaining:
-        j = first_block(remaining)
-        remaining &= ~rays_of_block(j)
-        b = j * BLOCK_WORDS + LANES * k
-        inverse, start = load16(rows, INVERSE + b), load16(rows, OX + b)
-        offset, sizes = (splat16(origin) - start) * inverse, maximum(sizes, absolute(start))
-        lows, highs = minimum(lows, inverse), maximum(highs, inverse)
-        nears, fars = minimum(nears, offset), maximum(fars, offset)
-    low, high, word = reduce_min(lows), reduce_max(highs), np.int64(2 * WIDTH * k)
-    pad = (reduce_max(sizes) * PAD + turn) * _TWICE
+def _offsets(rows, rays, k, origin):
+    """t from the plane through x0 to the origins along axis k, for the four blocks."""
+    start, inverse = _row(rows, rays, OX + LANES * k), _row(rows, rays, INVERSE + LANES * k)
+    return (
+        (origin - start[0]) * inverse[0],
+        (origin - start[1]) * inverse[1],
+        (origin - start[2]) * inverse[2],
+        (origin - start[3]) * inverse[3],
+    )
+
+
+@inlined
+def _axis(rows, rays, k, extents, origin, offsets, sizes):
+    """The `PacketAxis` k of a packet.
+
+    offsets : (least, greatest) of `_offsets`
+    sizes : the tree's reach along the axis, and TURN of the largest coordinate of the rays, the tree and x0 on any axis
+    """
+    low, high, word = extents.inverse_low[k], extents.inverse_high[k], np.int64(2 * WIDTH * k)
+    o_low, o_high = extents.o_low[k], extents.o_high[k]
+    size = _larger(_larger(abs(o_low), abs(o_high)), _larger(abs(origin), sizes[0]))
+    pad = (size * PAD + sizes[1]) * _TWICE
     if low < 0.0 and high > 0.0:
-        back, front, near, far = _mixed_axis(rows, alive, k, pad)
+        back, front, near, far = _mixed_axis(rows, rays, k, o_low, o_high, pad)
         return PacketAxis(origin, back, front, near, far, word, True)
     grow = pad * (-low if low < 0 else high)
     word += np.int64(WIDTH) if low < 0 else 0
-    return PacketAxis(origin, low, high, reduce_min(nears) - grow, reduce_max(fars) + grow, word, False)
+    return PacketAxis(origin, low, high, offsets[0] - grow, offsets[1] + grow, word, False)
 
 
 @inlined
-def packet_of(tree, rows, alive):
-    """(`RayPacket`, greatest limit) of those prepared blocks that hold rays in `alive` (bits)."""
-    tmins, limits, remaining = splat16(_INF), splat16(-_INF), alive
-    while remaining:
-        j = first_block(remaining)
-        remaining &= ~rays_of_block(j)
-        b = j * BLOCK_WORDS
-        tmins, limits = minimum(tmins, load16(rows, TMIN + b)), maximum(limits, load16(rows, LIMIT + b))
-    limit = reduce_max(limits)
-    f = _focus_of(rows, alive, limit)
-    reach = max(f.size, largest_of(tree.reach))
+def packet_of(tree, rows, rays, extents):
+    """The `RayPacket` of those prepared blocks that hold rays in `rays` (bits), from their extents."""
+    f, from_one_point = _focus_of(rows, rays, extents)
+    x0 = f.x, f.y, f.z
+    low, high = (_ZERO, _ZERO, _ZERO, _ZERO), (_ZERO, _ZERO, _ZERO, _ZERO)
+    if not from_one_point:
+        out = stack_f32(LANES)
+        moments = moments_of(rows, rays, x0)
+        xs, ys = _span(_offsets(rows, rays, 0, f.x)), _span(_offsets(rows, rays, 1, f.y))
+        _put_extremes(xs, ys, _span(_offsets(rows, rays, 2, f.z)), (moments, moments), out)
+        low, high = _low(out), _high(out)
+    reach = _larger(f.size, largest_of(tree.reach))
     turn = reach * TURN
-    x = _axis(rows, alive, 0, f.x, tree.reach, turn)
-    y = _axis(rows, alive, 1, f.y, tree.reach, turn)
-    z = _axis(rows, alive, 2, f.z, tree.reach, turn)
-    lines = lines_of(rows, alive, (f.x, f.y, f.z), reach)
-    return RayPacket(x, y, z, reduce_min(tmins), x.mixed or y.mixed or z.mixed, lines), limit
+    x = _axis(rows, rays, 0, extents, f.x, (low[0], high[0]), (tree.reach[0], turn))
+    y = _axis(rows, rays, 1, extents, f.y, (low[1], high[1]), (tree.reach[1], turn))
+    z = _axis(rows, rays, 2, extents, f.z, (low[2], high[2]), (tree.reach[2], turn))
+    offset = _largest_distance(extents.o_low, extents.o_high, x0)
+    lines = lines_of(extents.d_low, extents.d_high, (high[3], offset), x0, reach)
+    return RayPacket(x, y, z, extents.tmin, x.mixed or y.mixed or z.mixed, lines)
 
 
 @inlined
@@ -352,6 +504,22 @@ def is_coherent_with(rows, first, j, tree_reach, turn, any_hit):
         o0, d0 = get(rows, OX + LANES * k + a), get(rows, DX + LANES * k + a)
         stop &= absolute(fma(d, limit, o) - (d0 * first_limit + o0)) <= distance
     return all_lanes(stop)
+
+
+@inlined
+def are_coherent(rows, rays, extents, tree_reach, turn, any_hit):
+    """Whether all blocks that hold rays in `rays` (bits) are coherent with the first one, see `is_coherent_with`."""
+    distance, first = _NEAR_ENDS * largest_of(tree_reach), first_block(rays) * BLOCK_WORDS
+    d, zero = _first_of(rows, first, DX), (_ZERO, _ZERO, _ZERO)
+    longest = _largest_distance(extents.d_low, extents.d_high, zero)
+    if not (extents.shortest > SMALL and longest < LARGE and extents.unit < _INF):
+        return False
+    widest = _larger(_larger(abs(d[0]), abs(d[1])), abs(d[2]))
+    turned = _largest_distance(extents.d_low, extents.d_high, d)
+    spread = _largest_distance(extents.o_low, extents.o_high, _first_of(rows, first, OX))
+    if spread <= distance and turned <= turn * widest:
+        return True
+    return any_hit and _spread_of_ends(rows, rays, _first_end(rows, first)) <= distance
 
 
 @inlined
@@ -507,10 +675,10 @@ def _leaf_of_blocks(tree, rays, active, leaf, query, hits, counters):
 
 
 @inlined
-def _walk_any(tree, rays, alive, query, hits, counters):
+def _walk_any(tree, rays, alive, packet, query, hits, counters):
     """Trace the rays in `alive`, of several blocks. Return bits of the blocked rays."""
     stack, rows = _Stack(stack_i64(STACK), stack_i32(STACK), stack_i32(1)), rays.rows
-    packet, limit = packet_of(tree, rows, alive)
+    packet, limit = packet
     height, link, blocked, active = 0, 0, 0, alive
     while True:
         if link < 0:
@@ -547,10 +715,10 @@ def _greatest_limit(rows, alive):
 
 
 @inlined
-def _walk_nearest(tree, rays, alive, query, hits, counters):
+def _walk_nearest(tree, rays, alive, packet, query, hits, counters):
     """Trace the rays in `alive`, of several blocks, and write their nearest hits to `hits`."""
     stack, rows = _Stack(stack_i64(STACK), stack_i32(STACK), stack_i32(STACK)), rays.rows
-    packet, limit = packet_of(tree, rows, alive)
+    packet, limit = packet
     height, link, box, active = np.int64(0), np.int64(0), np.int64(0), alive
     while True:
         if link < 0:
@@ -574,13 +742,15 @@ def _walk_nearest(tree, rays, alive, query, hits, counters):
 
 
 @inlined
-def walk_packet(tree, rays, alive, query, hits, counters):
+def walk_packet(tree, rays, alive, packet, query, hits, counters):
     """Trace the rays in `alive` (bits) of several blocks, a coherent packet of up to 64.
 
     Any-hit queries return bits of the blocked rays. Closest-hit queries write `hits` as `walk_interleaved` does, block
     by block.
+
+    packet : its `RayPacket`, and the greatest limit
     """
     if query.any_hit:
-        return _walk_any(tree, rays, alive, Query(query.cull_faces, True), hits, counters)
-    _walk_nearest(tree, rays, alive, Query(query.cull_faces, False), hits, counters)
+        return _walk_any(tree, rays, alive, packet, Query(query.cull_faces, True), hits, counters)
+    _walk_nearest(tree, rays, alive, packet, Query(query.cull_faces, False), hits, counters)
     return np.int64(0)
