@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...kernels.exact.filters import larger
 from ...kernels.jit import inlined
 from ...kernels.simd import absolute, bits, fma, load16, maximum, minimum, splat16
 from ...kernels.vec3 import Vec3, abs_dot, add3, cross, dot, largest, subtract3
@@ -62,16 +63,10 @@ def moments_of(rows, alive, x0):
 
 
 @inlined
-def _larger(a, b):
-    """The larger of two numbers that are not NaN."""
-    return a if a > b else b
-
-
-@inlined
 def _middle(low, high, more):
     """(middle, half extent) of an interval; `more`: added to the half extent."""
     middle = np.float32(0.5) * (low + high)
-    return middle, _larger(high - middle, middle - low) + more
+    return middle, larger(high - middle, middle - low) + more
 
 
 @inlined
@@ -83,9 +78,9 @@ def lines_of(d_low, d_high, levers, x0, reach):
     x0 : near which the lines pass, (x, y, z)
     reach : the largest magnitude of a coordinate of x0, the origins and the triangles
     """
-    largest_x = _larger(abs(d_low[0]), abs(d_high[0]))
-    largest_y = _larger(abs(d_low[1]), abs(d_high[1]))
-    size = _larger(_larger(largest_x, largest_y), _larger(abs(d_low[2]), abs(d_high[2])))
+    largest_x = larger(abs(d_low[0]), abs(d_high[0]))
+    largest_y = larger(abs(d_low[1]), abs(d_high[1]))
+    size = larger(larger(largest_x, largest_y), larger(abs(d_low[2]), abs(d_high[2])))
     more = size * _SPREAD
     (x, dx), (y, dy) = _middle(d_low[0], d_high[0], more), _middle(d_low[1], d_high[1], more)
     z, dz = _middle(d_low[2], d_high[2], more)

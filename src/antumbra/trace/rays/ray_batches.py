@@ -52,14 +52,8 @@ from ...scene.scene_bounds import NEAREST
 from ..counters import N_COUNTERS, RAYS, add_counters, cleared, count, new_counters
 from .hit_reports import CORNER_WORDS, REPORT_WORDS, Report, write_nearest
 from .interleaved_rays import walk_interleaved
-from .ray_packet import (
-    LITTLE_TURN,
-    are_coherent,
-    extents_of,
-    is_coherent_with,
-    packet_of,
-    walk_packet,
-)
+from .packet_extents import LITTLE_TURN, are_coherent, extents_of, is_coherent_with
+from .ray_packet import packet_of, walk_packet
 from .row_tiles import NO_RUNS, RUN, Runs, line_of, number_at, runs_of
 from .wide_traversal import (
     BLOCK_WORDS,
@@ -130,9 +124,10 @@ def _ray_at(first, step, i, last):
     return min(first + (step - RUN) * (i // RUN) + i, last)
 
 
-@inlined
+@kernel
 def _fill(operand, first, step, last, shift, rows, at):
     """Write one argument of two runs of rays, minus `shift` and rounded, to rows of a block from word `at`."""
+    # In: operand, an `Operand`; first, step, last, see `_ray_at`; shift, (x, y, z). Out: rows
     for i in range(LANES):
         begin = operand.address + _ray_at(first, step, i, last) * operand.row
         for k in range(3):
@@ -159,9 +154,10 @@ def _put_end(block, k, i, t):
     return t == t and (k == 1 or (t >= 0.0 and t < np.inf))
 
 
-@inlined
+@kernel
 def _fill_ends(number, first, step, last, block, k):
     """Write tmin (k = 0) or tmax (k = 1) of two runs of rays. Return whether all are valid."""
+    # In: number, a `Number`; first, step, last, see `_ray_at`. Out: block
     good = True
     for i in range(LANES):
         place = number.address + _ray_at(first, step, i, last) * number.row

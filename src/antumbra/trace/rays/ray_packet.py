@@ -13,22 +13,21 @@ runs over the other triangles or over the rays of a block, whichever are fewer: 
 at once, or each ray against all triangles. So an incoherent packet degrades to single rays.
 """
 
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 
 from ...bvh.nodes import GROUP_WORDS, LINKS, NODE_WORDS, WIDTH, wide_leaf
-from ...kernels.exact.filters import FilterTriangles, filter_hits
+from ...kernels.exact.filters import FilterTriangles, filter_hits, larger
 from ...kernels.jit import I32Ptr, I64Ptr, inlined
 from ...kernels.simd import (
-    absolute,
-    all_lanes,
     as_f32,
     bits,
     broadcast8,
     broadcast16,
     fma,
     get,
+    highest_bit,
     load8,
     load16,
     lowest_bit,
@@ -41,21 +40,30 @@ from ...kernels.simd import (
     reduce_max,
     reduce_min,
     select,
-    shuffle,
     splat8,
     splat16,
     stack_f32,
     stack_i32,
     stack_i64,
     store,
-    swap_halves,
 )
 from ..counters import BOX_TESTS, NODES, TRIANGLE_TESTS, count
+from .packet_extents import (
+    first_end,
+    first_of,
+    greatest_of,
+    largest_distance,
+    least_of,
+    put_extremes,
+    rows_at,
+    span_of,
+    spread_of_ends,
+    word_of,
+)
 from .packet_lines import PacketLines, culled, lines_of, moments_of
 from .wide_traversal import (
     BLOCK_WORDS,
     BLOCKS,
-    DX,
     FAR,
     INVERSE,
     LANE,
@@ -66,11 +74,9 @@ from .wide_traversal import (
     NEAR,
     OX,
     PAD,
-    SMALL,
     STACK,
     TMIN,
     TURN,
-    UNIT,
     Query,
     block_of,
     defer,
@@ -91,7 +97,6 @@ from .wide_traversal import (
 # --- Box tests of a packet --------------------------------------------------------------------------------------------
 
 
-_EXTREMES = 3 * LANES  # words
 _TWICE = np.float32(2.0)  # planes are moved twice as far as by `wide_traversal.prepare`, for the roundings of intervals
 _INF, _ZERO = np.float32(np.inf), np.float32(0.0)
 
@@ -128,174 +133,6 @@ class RayPacket(NamedTuple):
     lines: PacketLines  # by which triangles are culled
 
 
-# --- Extents of a packet ----------------------------------------------------------------------------------------------
-
-
-_Triple: TypeAlias = tuple[np.float32, np.float32, np.float32]
-
-
-class Extents(NamedTuple):
-    """What bounds the rays of a packet, those of the blocks that hold them; scalars and triples of scalars."""
-
-    o_low: _Triple  # least coordinates of the origins
-    o_high: _Triple  # greatest
-    d_low: _Triple  # least components of the directions
-    d_high: _Triple
-    inverse_low: _Triple  # least inverses
-    inverse_high: _Triple
-    tmin: np.float32  # least tmin
-    limit: np.float32  # greatest limit
-    shortest: np.float32  # least magnitude of a direction's largest component
-    unit: np.float32  # greatest unit of errors
-
-
-@inlined
-def word_of(rays, j):
-    """The first word of block j; if it has no rays in `rays` (bits), that of the first block that has."""
-    return (j if rays & rays_of_block(j) != 0 else first_block(rays)) * BLOCK_WORDS
-
-
-@inlined
-def _least(a, b, c, d):
-    return minimum(minimum(a, b), minimum(c, d))
-
-
-@inlined
-def _greatest(a, b, c, d):
-    return maximum(maximum(a, b), maximum(c, d))
-
-
-@inlined
-def _row(rows, rays, at):
-    """A row of the four blocks, see `word_of`."""
-    return (
-        load16(rows, word_of(rays, 0) + at),
-        load16(rows, word_of(rays, 1) + at),
-        load16(rows, word_of(rays, 2) + at),
-        load16(rows, word_of(rays, 3) + at),
-    )
-
-
-@inlined
-def _span(row):
-    """(the least values, the greatest values) of four vectors, lane by lane."""
-    a, b, c, d = row
-    return _least(a, b, c, d), _greatest(a, b, c, d)
-
-
-@inlined
-def _fold(span):
-    """The least values in the lower half of the lanes, the negated greatest ones in the upper half."""
-    low, high = span[0], -span[1]
-    lower = mask_from_bits16(np.int64(0x00FF))
-    return minimum(select(lower, low, swap_halves(high)), select(lower, swap_halves(low), high))
-
-
-@inlined
-def _put_extremes(a, b, c, d, out):
-    """Write the least and greatest lanes of four spans to memory, 16 float32: see `_low` and `_high`."""
-    a, b, c, d = _fold(a), _fold(b), _fold(c), _fold(d)
-    even = mask_from_bits16(np.int64(0x0F0F))
-    ab = minimum(select(even, a, _swap4(b)), select(even, _swap4(a), b))
-    cd = minimum(select(even, c, _swap4(d)), select(even, _swap4(c), d))
-    even = mask_from_bits16(np.int64(0x3333))
-    v = minimum(select(even, ab, _swap2(cd)), select(even, _swap2(ab), cd))
-    store(out, 0, minimum(v, shuffle(v, 1, 0, 3, 2, 5, 4, 7, 6, 9, 8, 11, 10, 13, 12, 15, 14)))
-
-
-@inlined
-def _swap4(v):
-    return shuffle(v, 4, 5, 6, 7, 0, 1, 2, 3, 12, 13, 14, 15, 8, 9, 10, 11)
-
-
-@inlined
-def _swap2(v):
-    return shuffle(v, 2, 3, 0, 1, 6, 7, 4, 5, 10, 11, 8, 9, 14, 15, 12, 13)
-
-
-@inlined
-def _low(extremes):
-    """The least lanes of the four spans in `_put_extremes`."""
-    return get(extremes, 0), get(extremes, 4), get(extremes, 2), get(extremes, 6)
-
-
-@inlined
-def _high(extremes):
-    """Their greatest lanes."""
-    return -get(extremes, 8), -get(extremes, 12), -get(extremes, 10), -get(extremes, 14)
-
-
-@inlined
-def extents_of(rows, rays):
-    """The `Extents` of those prepared blocks that hold rays in `rays` (bits)."""
-    extremes = stack_f32(_EXTREMES)
-    o, d, inverse = extremes, ptr_at(extremes, LANES), ptr_at(extremes, 2 * LANES)
-    limits, units = _row(rows, rays, LIMIT), _row(rows, rays, UNIT)
-    ends = _span(_row(rows, rays, TMIN))[0], _span(limits)[1]
-    x, y, z = _row(rows, rays, DX), _row(rows, rays, DX + LANES), _row(rows, rays, DX + 2 * LANES)
-    lengths = (
-        maximum(maximum(absolute(x[0]), absolute(y[0])), absolute(z[0])),
-        maximum(maximum(absolute(x[1]), absolute(y[1])), absolute(z[1])),
-        maximum(maximum(absolute(x[2]), absolute(y[2])), absolute(z[2])),
-        maximum(maximum(absolute(x[3]), absolute(y[3])), absolute(z[3])),
-    )
-    _put_extremes(
-        _span(_row(rows, rays, OX)), _span(_row(rows, rays, OX + LANES)), _span(_row(rows, rays, OX + 2 * LANES)),
-        ends, o,
-    )  # fmt: skip
-    _put_extremes(_span(x), _span(y), _span(z), (_span(lengths)[0], _span(units)[1]), d)
-    last = _span(_row(rows, rays, INVERSE + 2 * LANES))
-    _put_extremes(_span(_row(rows, rays, INVERSE)), _span(_row(rows, rays, INVERSE + LANES)), last, last, inverse)
-    o_low, o_high, d_low, d_high = _low(o), _high(o), _low(d), _high(d)
-    inverse_low, inverse_high = _low(inverse), _high(inverse)
-    return Extents(
-        (o_low[0], o_low[1], o_low[2]), (o_high[0], o_high[1], o_high[2]),
-        (d_low[0], d_low[1], d_low[2]), (d_high[0], d_high[1], d_high[2]),
-        (inverse_low[0], inverse_low[1], inverse_low[2]), (inverse_high[0], inverse_high[1], inverse_high[2]),
-        o_low[3], o_high[3], d_low[3], d_high[3],
-    )  # fmt: skip
-
-
-@inlined
-def _larger(a, b):
-    """The larger of two numbers that are not NaN. Python's max would compile to tests for NaN."""
-    return a if a > b else b
-
-
-@inlined
-def _largest_distance(low, high, point):
-    """The largest distance along an axis between a point and points of a box."""
-    x = _larger(high[0] - point[0], point[0] - low[0])
-    y = _larger(high[1] - point[1], point[1] - low[1])
-    return _larger(_larger(x, y), _larger(high[2] - point[2], point[2] - low[2]))
-
-
-@inlined
-def _first_of(rows, at, row):
-    """Three numbers of the first ray of the block at word `at`."""
-    return get(rows, at + row), get(rows, at + row + LANES), get(rows, at + row + 2 * LANES)
-
-
-@inlined
-def _first_end(rows, at):
-    """The end of the first ray of the block at word `at`."""
-    o, d, limit = _first_of(rows, at, OX), _first_of(rows, at, DX), get(rows, at + LIMIT)
-    return o[0] + d[0] * limit, o[1] + d[1] * limit, o[2] + d[2] * limit
-
-
-@inlined
-def _spread_of_ends(rows, rays, e):
-    """The largest distance, along an axis, from a point e to the ends of the blocks with rays in `rays` (bits)."""
-    ends = splat16(np.float32(0.0))
-    for j in range(BLOCKS):
-        b = word_of(rays, j)
-        limit = load16(rows, LIMIT + b)
-        for k in range(3):
-            end = fma(load16(rows, DX + LANES * k + b), limit, load16(rows, OX + LANES * k + b))
-            ends = maximum(ends, absolute(end - e[k]))
-    return reduce_max(ends)
-
-
 @inlined
 def _focus_of(rows, rays, extents):
     """The `Focus` of the blocks that hold rays in `rays` (bits), and whether all rays of these blocks start there.
@@ -303,14 +140,15 @@ def _focus_of(rows, rays, extents):
     It is the first origin, or the first end. The end is used if the ends are closer together than the origins, and its
     quotients cannot overflow.
     """
-    o = _first_of(rows, first_block(rays) * BLOCK_WORDS, OX)
-    size = _largest_distance(extents.o_low, extents.o_high, (_ZERO, _ZERO, _ZERO))
-    spread = _largest_distance(extents.o_low, extents.o_high, o)
+    o = first_of(rows, first_block(rays) * BLOCK_WORDS, OX)
+    size = largest_distance(extents.o_low, extents.o_high, (_ZERO, _ZERO, _ZERO))
+    spread = largest_distance(extents.o_low, extents.o_high, o)
     if spread > 0.0 and extents.limit < _INF:
-        e = _first_end(rows, first_block(rays) * BLOCK_WORDS)
-        end = _larger(_larger(abs(e[0]), abs(e[1])), abs(e[2]))
-        if end < LARGE and _spread_of_ends(rows, rays, e) < spread:
-            return Focus(e[0], e[1], e[2], _larger(size, end)), False
+        e = first_end(rows, first_block(rays) * BLOCK_WORDS)
+        end = larger(larger(abs(e[0]), abs(e[1])), abs(e[2]))
+        last = np.int64(1) << highest_bit(rays)  # whose block stands for all
+        if end < LARGE and spread_of_ends(rows, last, e) < spread:
+            return Focus(e[0], e[1], e[2], larger(size, end)), False
     return Focus(o[0], o[1], o[2], size), spread == 0.0
 
 
@@ -330,7 +168,7 @@ def _mixed_axis(rows, rays, k, o_low, o_high, pad):
 @inlined
 def _offsets(rows, rays, k, origin):
     """t from the plane through x0 to the origins along axis k, for the four blocks."""
-    start, inverse = _row(rows, rays, OX + LANES * k), _row(rows, rays, INVERSE + LANES * k)
+    start, inverse = rows_at(rows, rays, OX + LANES * k), rows_at(rows, rays, INVERSE + LANES * k)
     return (
         (origin - start[0]) * inverse[0],
         (origin - start[1]) * inverse[1],
@@ -348,7 +186,7 @@ def _axis(rows, rays, k, extents, origin, offsets, sizes):
     """
     low, high, word = extents.inverse_low[k], extents.inverse_high[k], np.int64(2 * WIDTH * k)
     o_low, o_high = extents.o_low[k], extents.o_high[k]
-    size = _larger(_larger(abs(o_low), abs(o_high)), _larger(abs(origin), sizes[0]))
+    size = larger(larger(abs(o_low), abs(o_high)), larger(abs(origin), sizes[0]))
     pad = (size * PAD + sizes[1]) * _TWICE
     if low < 0.0 and high > 0.0:
         back, front, near, far = _mixed_axis(rows, rays, k, o_low, o_high, pad)
@@ -367,15 +205,15 @@ def packet_of(tree, rows, rays, extents):
     if not from_one_point:
         out = stack_f32(LANES)
         moments = moments_of(rows, rays, x0)
-        xs, ys = _span(_offsets(rows, rays, 0, f.x)), _span(_offsets(rows, rays, 1, f.y))
-        _put_extremes(xs, ys, _span(_offsets(rows, rays, 2, f.z)), (moments, moments), out)
-        low, high = _low(out), _high(out)
-    reach = _larger(f.size, largest_of(tree.reach))
+        xs, ys = span_of(_offsets(rows, rays, 0, f.x)), span_of(_offsets(rows, rays, 1, f.y))
+        put_extremes(xs, ys, span_of(_offsets(rows, rays, 2, f.z)), (moments, moments), out)
+        low, high = least_of(out), greatest_of(out)
+    reach = larger(f.size, largest_of(tree.reach))
     turn = reach * TURN
     x = _axis(rows, rays, 0, extents, f.x, (low[0], high[0]), (tree.reach[0], turn))
     y = _axis(rows, rays, 1, extents, f.y, (low[1], high[1]), (tree.reach[1], turn))
     z = _axis(rows, rays, 2, extents, f.z, (low[2], high[2]), (tree.reach[2], turn))
-    offset = _largest_distance(extents.o_low, extents.o_high, x0)
+    offset = largest_distance(extents.o_low, extents.o_high, x0)
     lines = lines_of(extents.d_low, extents.d_high, (high[3], offset), x0, reach)
     return RayPacket(x, y, z, extents.tmin, x.mixed or y.mixed or z.mixed, lines)
 
@@ -458,68 +296,12 @@ def enter_alike(nodes, box, rows, packet):
 # --- Traversal of a packet --------------------------------------------------------------------------------------------
 
 
-_NEAR_ENDS = np.float32(
-    1 / 32
-)  # largest extent of a packet's origins, or of its ends, as a fraction of the tree's reach
-LITTLE_TURN = np.float32(1 / 4)  # largest extent of its directions, as a fraction of their largest component
-COMMON_TURN = np.float32(1.0)  # the same for the rays of a tile to one light
-
-
 class _Stack(NamedTuple):
     """The stack of a packet: pointers to scratch memory."""
 
     rays: I64Ptr  # int64 *: bits of the rays that enter the box
     boxes: I32Ptr  # int32 *: word of the box's first plane
     keys: I32Ptr  # int32 *: lower bound of the entry t, as its bits
-
-
-@inlined
-def is_coherent_with(rows, first, j, tree_reach, turn, any_hit):
-    """True if the sixteen rays of prepared block j are coherent with the packet that begins with block `first`.
-
-    Their origins are within 1/32 of the tree's reach from that of the packet's first ray, and components of their
-    directions differ from its own by at most `turn` times its largest one. For any-hit segments, it is enough that they
-    end close together. Directions beyond 2^-40 .. 2^40 are never coherent, since intervals could overflow.
-    """
-    a, b = first * BLOCK_WORDS, j * BLOCK_WORDS
-    distance, limit = splat16(_NEAR_ENDS * largest_of(tree_reach)), load16(rows, LIMIT + b)
-    widest, first_limit = np.float32(0.0), get(rows, LIMIT + a)
-    for k in range(3):
-        size = abs(get(rows, DX + LANES * k + a))
-        widest = size if size > widest else widest
-    most = splat16(turn * widest)
-    length = splat16(np.float32(0.0))
-    for k in range(3):
-        length = maximum(length, absolute(load16(rows, DX + LANES * k + b)))
-    tame = (length > SMALL) & (length < LARGE) & (load16(rows, UNIT + b) < np.float32(np.inf))
-    start, stop = tame, tame
-    for k in range(3):
-        o, d = load16(rows, OX + LANES * k + b), load16(rows, DX + LANES * k + b)
-        o0, d0 = get(rows, OX + LANES * k + a), get(rows, DX + LANES * k + a)
-        start &= (absolute(o - o0) <= distance) & (absolute(d - d0) <= most)
-    if all_lanes(start) or not any_hit:
-        return all_lanes(start)
-    for k in range(3):
-        o, d = load16(rows, OX + LANES * k + b), load16(rows, DX + LANES * k + b)
-        o0, d0 = get(rows, OX + LANES * k + a), get(rows, DX + LANES * k + a)
-        stop &= absolute(fma(d, limit, o) - (d0 * first_limit + o0)) <= distance
-    return all_lanes(stop)
-
-
-@inlined
-def are_coherent(rows, rays, extents, tree_reach, turn, any_hit):
-    """Whether all blocks that hold rays in `rays` (bits) are coherent with the first one, see `is_coherent_with`."""
-    distance, first = _NEAR_ENDS * largest_of(tree_reach), first_block(rays) * BLOCK_WORDS
-    d, zero = _first_of(rows, first, DX), (_ZERO, _ZERO, _ZERO)
-    longest = _largest_distance(extents.d_low, extents.d_high, zero)
-    if not (extents.shortest > SMALL and longest < LARGE and extents.unit < _INF):
-        return False
-    widest = _larger(_larger(abs(d[0]), abs(d[1])), abs(d[2]))
-    turned = _largest_distance(extents.d_low, extents.d_high, d)
-    spread = _largest_distance(extents.o_low, extents.o_high, _first_of(rows, first, OX))
-    if spread <= distance and turned <= turn * widest:
-        return True
-    return any_hit and _spread_of_ends(rows, rays, _first_end(rows, first)) <= distance
 
 
 @inlined
