@@ -124,10 +124,9 @@ def _ray_at(first, step, i, last):
     return min(first + (step - RUN) * (i // RUN) + i, last)
 
 
-@kernel
+@inlined
 def _fill(operand, first, step, last, shift, rows, at):
     """Write one argument of two runs of rays, minus `shift` and rounded, to rows of a block from word `at`."""
-    # In: operand, an `Operand`; first, step, last, see `_ray_at`; shift, (x, y, z). Out: rows
     for i in range(LANES):
         begin = operand.address + _ray_at(first, step, i, last) * operand.row
         for k in range(3):
@@ -154,10 +153,9 @@ def _put_end(block, k, i, t):
     return t == t and (k == 1 or (t >= 0.0 and t < np.inf))
 
 
-@kernel
+@inlined
 def _fill_ends(number, first, step, last, block, k):
     """Write tmin (k = 0) or tmax (k = 1) of two runs of rays. Return whether all are valid."""
-    # In: number, a `Number`; first, step, last, see `_ray_at`. Out: block
     good = True
     for i in range(LANES):
         place = number.address + _ray_at(first, step, i, last) * number.row

@@ -27,7 +27,6 @@ from ...kernels.simd import (
     broadcast16,
     fma,
     get,
-    highest_bit,
     load8,
     load16,
     lowest_bit,
@@ -146,8 +145,7 @@ def _focus_of(rows, rays, extents):
     if spread > 0.0 and extents.limit < _INF:
         e = first_end(rows, first_block(rays) * BLOCK_WORDS)
         end = larger(larger(abs(e[0]), abs(e[1])), abs(e[2]))
-        last = np.int64(1) << highest_bit(rays)  # whose block stands for all
-        if end < LARGE and spread_of_ends(rows, last, e) < spread:
+        if end < LARGE and spread_of_ends(rows, rays, e) < spread:
             return Focus(e[0], e[1], e[2], larger(size, end)), False
     return Focus(o[0], o[1], o[2], size), spread == 0.0
 
