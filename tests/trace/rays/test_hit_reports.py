@@ -39,3 +39,32 @@ def test_rays_from_one_point_have_the_numbers_that_they_have_among_rays_from_ano
     for field in ("t", "u", "v", "face"):
         assert getattr(among, field)[:, 0].tolist() == getattr(alone, field).tolist()
     assert (among.t[:, 1] != alone.t).any()
+
+
+@pytest.mark.parametrize("blocks", ["AAAA", "AABB", "ABAB", "AxAA", "AAax", "aABb", "xxBB", "AmAA", "mmmm", "AAoo"])
+def test_blocks_of_a_batch_hit_triangles_alone_or_together(blocks):
+    """Each letter is a block.
+
+    A, B: all its rays hit this triangle; a, b: likewise, from another point; x: some hit either one; m: some of these
+    miss; o: they come from many points.
+    """
+    rng = np.random.default_rng(4)
+    corners = np.array([TRIANGLES["plain"], TRIANGLES["with inexact differences"]]) + [[[-3.0, 0, 0]], [[3.0, 0, 0]]]
+    scene = at.Scene.from_arrays(corners)
+    vertices, origins, targets = scene.triangles().vertices, [], []
+    for block in blocks:
+        which = {"A": 0, "B": 1}.get(block.upper(), rng.integers(0, 2, 16))
+        points = (rng.dirichlet(np.ones(3), 16)[:, :, None] * np.broadcast_to(vertices[which], (16, 3, 3))).sum(1)
+        if block == "m":
+            points[::3, 1] += 9.0
+        origins.append(np.broadcast_to([0.3, 0.2, 2.7], (16, 3)) + 0.125 * block.islower())
+        if block == "o":
+            origins[-1] = origins[-1] + rng.normal(scale=0.01, size=(16, 3))
+        targets.append(points)
+    origins = np.concatenate(origins).astype(np.float32)
+    directions = (np.concatenate(targets) - origins).astype(np.float32)
+    hit = scene.closest_hit(origins, directions)
+    assert (hit.face < 0).any() if "m" in blocks else (hit.face >= 0).mean() > 0.9  # some graze the edges
+    for i, (o, d) in enumerate(zip(origins, directions, strict=True)):
+        one = scene.closest_hit(o, d)
+        assert [hit.t[i], hit.face[i], hit.u[i], hit.v[i]] == [one.t, one.face, one.u, one.v]

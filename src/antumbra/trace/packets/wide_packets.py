@@ -38,8 +38,8 @@ from ...kernels.simd import (
 from ...query.shadow_query import ShadowQuery
 from ..counters import N_COUNTERS, add_counters, cleared
 from ..light_table import STRATA
+from ..rays.packet_extents import COMMON_TURN
 from ..rays.ray_batches import trace_blocks
-from ..rays.ray_packet import COMMON_TURN
 from ..rays.single_rays import trace_shadow
 from ..rays.wide_traversal import (
     BLOCK_WORDS,

@@ -2,6 +2,7 @@
 
 - `ray_traversal`: any-hit and closest-hit traversal of the binary BVH, child orders
 - `wide_traversal`: the eight-wide BVH: `RayBlock`, box and triangle tests
+- `packet_extents`: which rays are coherent, and the extents of their origins and directions
 - `packet_lines`: triangles that all rays of a packet miss
 - `ray_packet`: packets of coherent rays through the wide BVH
 - `interleaved_rays`: incoherent rays through the wide BVH

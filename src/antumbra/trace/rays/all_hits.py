@@ -51,7 +51,7 @@ from ...query.ray_list import HitArrays, RayArguments, hit_arrays
 from ...scene.triangles import AllHits
 from .hit_reports import CORNER_WORDS, REPORT_WORDS, Report, compute_numbers, pad, write_hit
 from .interleaved_rays import bounds_of, keep_hits, leaf_of, walk_interleaved
-from .ray_batches import RayTracer, read_batch, run_batches
+from .ray_batches import RayTracer, read_batch, run_batches, share_ends
 from .ray_traversal import settle
 from .row_tiles import line_of
 from .wide_traversal import (
@@ -229,9 +229,10 @@ def _count(ticket, wide, rays, rule, out, faults):
     batch = RayBlock(stack_f32(_ROWS), stack_f64(_PRECISE), stack_i32(_RAYS), rays.segments)
     nothing, tree = stack_i32(1), wide_tree_of(wide)
     sink = HitSink(stack_i32(_RAYS), stack_i32(1), nothing, stack_i32(_SLOTS), np.int64(0), rule, stack_f32(_SPANS))
+    sound = share_ends(rays, batch)
     for b in items(ticket):
         n, alive, good = read_batch(tree, rays, line_of(b * _RAYS), batch)
-        if not good:
+        if not (sound and good):
             faults[0], ticket[STOP] = True, 1
             break
         walk_batch(tree, batch, alive, rays.cull_faces, sink)
@@ -333,10 +334,11 @@ def _collect(ticket, wide, rays, rule, batches, out, scratch):
     room, tree = np.int64(len(scratch.rays) - LANES), wide_tree_of(wide)
     sink = HitSink(stack_i32(_RAYS), stack_i32(1), ptr(scratch.rays), ptr(scratch.slots), room, rule, stack_f32(1))
     report = Report(stack_f32(CORNER_WORDS), stack_f32(BLOCK_WORDS), stack_f64(REPORT_WORDS), sink.rays, sink.slots)
+    sound = share_ends(rays, batch)
     for k in items(ticket):
         first = batches.numbers[k] * _RAYS
         n, alive, good = read_batch(tree, rays, line_of(first), batch)
-        if not good:
+        if not (sound and good):
             batches.faults[0], ticket[STOP] = True, 1
             break
         walk_batch(tree, batch, alive, rays.cull_faces, sink)

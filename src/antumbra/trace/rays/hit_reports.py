@@ -34,6 +34,7 @@ from ...kernels.simd import (
     ptr,
     ptr_at,
     put,
+    splat8,
     store,
     to_f32,
 )
@@ -90,26 +91,6 @@ def _fill_report(rows, report):
 
 
 @inlined
-def _is_fan(rows, lanes):
-    """Whether sixteen rays come from one point and hit the same triangle; lanes: of their `WideHit`."""
-    same = load16(lanes, 0) == np.int32(get(lanes, 0))
-    for k in range(3):
-        same &= load16(rows, OX + LANES * k) == get(rows, OX + LANES * k)
-    return all_lanes(same)
-
-
-@inlined
-def _fill_fan(rows, corners, slot, report):
-    """`_fill_report` for a fan. LLVM computes once what the rays have in common: about half of all."""
-    f, k, o = np.float64, 9 * slot, _vector(rows, OX)
-    v0 = f(get(corners, k)), f(get(corners, k + 1)), f(get(corners, k + 2))
-    v1 = f(get(corners, k + 3)), f(get(corners, k + 4)), f(get(corners, k + 5))
-    v2 = f(get(corners, k + 6)), f(get(corners, k + 7)), f(get(corners, k + 8))
-    for i in range(LANES):
-        _put_numbers(report.numbers, i, o, _vector(rows, DX + i), (v0, v1, v2))
-
-
-@inlined
 def write_hit(tree, rays, k, report, signed, out, at):
     """Write hit k, whose numbers are in column k mod 16 of the report, to element `at` of the arrays.
 
@@ -141,26 +122,23 @@ def _all_hit(hits):
 
 
 @inlined
+def _list_hit(tree, report, k, i, slot):
+    """Write hit k of a list, that of ray i, and prefetch the corners of its triangle."""
+    put(report.rays, k, i)
+    put(report.slots, k, slot)
+    corners = ptr_at(tree.corners, 9 * slot)
+    prefetch(corners, 0)
+    prefetch(corners, 8)
+
+
+@inlined
 def _write_misses(tree, hits, n, report, out, runs):
     """Write the misses among n rays, and list the rays that hit and their slots. Return their number."""
     n_hits = np.int64(0)
-    if n == BLOCKS * LANES and runs.columns == RUN and _all_hit(hits):
-        for i in range(n):
-            slot = np.int64(get(tree.slots, get(hits_of(hits, i // LANES).lane, i % LANES)))
-            put(report.rays, i, i)
-            put(report.slots, i, slot)
-            corners = ptr_at(tree.corners, 9 * slot)
-            prefetch(corners, 0)
-            prefetch(corners, 8)
-        return n
     for i in range(n):
         slot = slot_of(tree, hits_of(hits, i // LANES), i % LANES)
-        put(report.rays, n_hits, i)
-        put(report.slots, n_hits, slot)
+        _list_hit(tree, report, n_hits, i, slot)
         n_hits += slot >= 0
-        corners = ptr_at(tree.corners, 9 * slot)
-        prefetch(corners, 0)
-        prefetch(corners, 8)
         if slot < 0 and i % RUN < runs.columns:
             at = place_of(runs, i)
             out.face[at], out.t[at], out.u[at], out.v[at] = -1, np.inf, 0.0, 0.0
@@ -221,39 +199,119 @@ def _clamped(weights):
 
 
 @inlined
-def _write_block(tree, rays, first, report, out, runs):
-    """`write_hit` of the hits of sixteen consecutive rays of a batch, from hit `first` on."""
-    numbers = report.numbers
+def _write_numbers(first, report, out, runs):
+    """Write t and the weights of the hits of sixteen consecutive rays of a full batch, from ray `first` on.
+
+    Return bits of the hits of which some number is UNKNOWN.
+    """
+    numbers, unknown = report.numbers, np.int64(0)
     for half in range(0, LANES, RUN):
         at, t, u = place_of(runs, first + half), load8(numbers, _T + half), load8(numbers, _U + half)
         store(ptr(out.t), at, t)
         store(ptr(out.u), at, _clamped(u))
         store(ptr(out.v), at, _clamped(load8(numbers, _V + half)))
-        faces, slots = ptr_at(out.face, at), ptr_at(report.slots, first + half)
+        unknown |= bits((to_f32(t) == _UNKNOWN) | (to_f32(u) == _UNKNOWN)) << half
+    return unknown
+
+
+@inlined
+def _write_again(tree, rays, unknown, first, report, out, runs):
+    """`write_hit` for the hits in `unknown` (bits) of sixteen consecutive rays, from hit `first` on."""
+    while unknown:
+        k = first + lowest_bit(unknown)
+        unknown &= unknown - 1
+        write_hit(tree, rays, k, report, False, out, place_of(runs, k))
+
+
+@inlined
+def _write_block(tree, rays, first, report, out, runs):
+    """`write_hit` of the listed hits of sixteen consecutive rays of a full batch, from ray `first` on."""
+    compute_numbers(tree, rays, report, first, BLOCKS * LANES, BLOCKS * LANES)
+    unknown = _write_numbers(first, report, out, runs)
+    for half in range(0, LANES, RUN):
+        faces, slots = ptr_at(out.face, place_of(runs, first + half)), ptr_at(report.slots, first + half)
         for k in range(RUN):
             put(faces, k, get(tree.prim_ids, get(slots, k)))
-        unknown = bits((to_f32(t) == _UNKNOWN) | (to_f32(u) == _UNKNOWN))
-        while unknown:
-            k = lowest_bit(unknown)
-            unknown &= unknown - 1
-            write_hit(tree, rays, first + half + k, report, False, out, at + k)
+    _write_again(tree, rays, unknown, first, report, out, runs)
+
+
+@inlined
+def _is_fan(rows, lanes, o, lane):
+    """Whether sixteen rays come from the point o and hit the triangle in a lane; lanes: of their `WideHit`."""
+    same = load16(lanes, 0) == np.int32(lane)
+    for k in range(3):
+        same &= load16(rows, OX + LANES * k) == o[k]
+    return all_lanes(same)
+
+
+@inlined
+def _fan_end(rows, hits, j):
+    """The end of the fan of blocks that begins with block j of a full batch; j if there is none.
+
+    The rays of a fan come from one point, and hit the same triangle.
+    """
+    first, lane = ptr_at(rows, j * BLOCK_WORDS), get(hits.lane, j * LANES)
+    o = get(first, OX), get(first, OX + LANES), get(first, OX + 2 * LANES)
+    end = j
+    while end < BLOCKS and _is_fan(ptr_at(rows, end * BLOCK_WORDS), ptr_at(hits.lane, end * LANES), o, lane):
+        end += 1
+    return end
+
+
+@inlined
+def _write_fan(tree, rays, blocks, report, out, runs):
+    """`write_hit` of the rays of a fan, those of `blocks` (first, end). LLVM computes once what they have in common."""
+    f, slot = np.float64, get(report.slots, blocks[0] * LANES)
+    c, k, o = tree.corners, 9 * slot, _vector(rays.rows, blocks[0] * BLOCK_WORDS + OX)
+    v0 = f(get(c, k)), f(get(c, k + 1)), f(get(c, k + 2))
+    v1 = f(get(c, k + 3)), f(get(c, k + 4)), f(get(c, k + 5))
+    v2 = f(get(c, k + 6)), f(get(c, k + 7)), f(get(c, k + 8))
+    faces = splat8(np.int32(get(tree.prim_ids, slot)))
+    for j in range(blocks[0], blocks[1]):
+        rows, first = ptr_at(rays.rows, j * BLOCK_WORDS), j * LANES
+        for i in range(LANES):
+            _put_numbers(report.numbers, i, o, _vector(rows, DX + i), (v0, v1, v2))
+        unknown = _write_numbers(first, report, out, runs)
+        store(ptr(out.face), place_of(runs, first), faces)
+        store(ptr(out.face), place_of(runs, first + RUN), faces)
+        if unknown:
+            for i in range(LANES):
+                put(report.rays, first + i, first + i)
+                put(report.slots, first + i, slot)
+            _write_again(tree, rays, unknown, first, report, out, runs)
+
+
+@inlined
+def _write_all(tree, rays, hits, report, out, runs):
+    """`write_nearest` for a full batch whose rays all hit."""
+    fans, j = np.int64(0), np.int64(0)  # fans: the ends of the blocks' fans, four bits each
+    while j < BLOCKS:
+        end, first = _fan_end(rays.rows, hits, j), j * LANES
+        for i in range(first, first + (1 if end > j else LANES)):
+            _list_hit(tree, report, i, i, np.int64(get(tree.slots, get(hits.lane, i))))
+        fans |= end << 4 * j
+        j = max(end, j + 1)
+    j = np.int64(0)
+    while j < BLOCKS:
+        end = (fans >> 4 * j) & 15
+        if end > j:
+            _write_fan(tree, rays, (j, end), report, out, runs)
+        else:
+            _write_block(tree, rays, j * LANES, report, out, runs)
+        j = max(end, j + 1)
 
 
 @inlined
 def write_nearest(tree, rays, hits, n, report, out, runs):
     """Write the nearest hits of n rays of several blocks, the batch `runs` of the list that the arrays are for."""
+    if n == BLOCKS * LANES and runs.columns == RUN and _all_hit(hits):
+        _write_all(tree, rays, hits, report, out, runs)
+        return
     n_hits = _write_misses(tree, hits, n, report, out, runs)
     if n_hits == 0:
         return
     pad(report, n_hits)
     for begin in range(0, n_hits, LANES):
-        rows, all_hit = ptr_at(rays.rows, begin // LANES * BLOCK_WORDS), n_hits == n and begin + LANES <= n
-        if all_hit and _is_fan(rows, ptr_at(hits.lane, begin)):
-            _fill_fan(rows, tree.corners, get(report.slots, begin), report)
-        else:
-            compute_numbers(tree, rays, report, begin, n_hits, n)
-        if all_hit:
-            _write_block(tree, rays, begin, report, out, runs)
-        else:
-            for k in range(begin, min(begin + LANES, n_hits)):
-                write_hit(tree, rays, k, report, False, out, place_of(runs, np.int64(get(report.rays, k))))
+        compute_numbers(tree, rays, report, begin, n_hits, n)
+        for k in range(begin, min(begin + LANES, n_hits)):
+            write_hit(tree, rays, k, report, False, out, place_of(runs, np.int64(get(report.rays, k))))

@@ -48,7 +48,7 @@ from .instance_traversal import (
     test_triangle,
 )
 from .interleaved_rays import begin_tree, pop, push
-from .ray_batches import read_batch, run_batches, write_blocked
+from .ray_batches import read_batch, run_batches, share_ends, write_blocked
 from .row_tiles import line_of
 from .wide_traversal import (
     BLOCK_WORDS,
@@ -349,9 +349,10 @@ def _batches(ticket, arrays, rays, any_hit, out, faults):
         stack_i64(_LISTED),
     )
     found = WideHit(stack_i32(RAYS), stack_i32(1))
+    sound = share_ends(rays, batch)
     for b in items(ticket):
         n, alive, good = read_batch(scene, rays, line_of(b * RAYS), batch)
-        if not good:
+        if not (sound and good):
             faults[0], ticket[STOP] = True, 1
             break
         hit = _trace(scene, batch, alive, query, hits, state)

@@ -19,8 +19,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...kernels.exact.filters import larger
 from ...kernels.jit import inlined
-from ...kernels.simd import absolute, bits, fma, load16, maximum, minimum, reduce_max, reduce_min, splat16
+from ...kernels.simd import absolute, bits, fma, load16, maximum, minimum, splat16
 from ...kernels.vec3 import Vec3, abs_dot, add3, cross, dot, largest, subtract3
 from .wide_traversal import BLOCK_WORDS, DX, LANES, LARGE, OX, first_block, group_of, rays_of_block
 
@@ -44,45 +45,47 @@ class PacketLines(NamedTuple):
 
 
 @inlined
-def _extended(bounds, values):
-    """(least, greatest) of bounds so far and of further values, in each lane."""
-    return minimum(bounds[0], values), maximum(bounds[1], values)
-
-
-@inlined
-def _middle(bounds, more):
-    """(middle, half extent) of the interval between the extremes of all lanes; `more`: added to the half extent."""
-    low, high = reduce_min(bounds[0]), reduce_max(bounds[1])
-    middle = np.float32(0.5) * (low + high)
-    return middle, max(high - middle, middle - low) + more
-
-
-@inlined
-def lines_of(rows, alive, x0, reach):
-    """The `PacketLines` of the prepared blocks that hold rays in `alive` (bits).
+def moments_of(rows, alive, x0):
+    """The greatest sums of the magnitudes of a moment's components, a vector; alive: rays (bits) of the blocks.
 
     x0 : near which the lines pass, (x, y, z)
-    reach : the largest magnitude of a coordinate of x0, the origins and the triangles
     """
-    zero, none = splat16(np.float32(0.0)), splat16(_INF)
-    xs, ys, zs = (none, -none), (none, -none), (none, -none)  # least and greatest components
-    moments, directions, offsets = zero, zero, zero
+    moments = splat16(np.float32(0.0))
     while alive:
         b = first_block(alive) * BLOCK_WORDS
         alive &= ~rays_of_block(first_block(alive))
         x, y, z = load16(rows, DX + b), load16(rows, DX + LANES + b), load16(rows, DX + 2 * LANES + b)
         ox, oy = load16(rows, OX + b) - x0[0], load16(rows, OX + LANES + b) - x0[1]
         oz = load16(rows, OX + 2 * LANES + b) - x0[2]
-        xs, ys, zs = _extended(xs, x), _extended(ys, y), _extended(zs, z)
         m = absolute(fma(y, oz, -(z * oy))) + absolute(fma(z, ox, -(x * oz))) + absolute(fma(x, oy, -(y * ox)))
         moments = maximum(moments, m)
-        directions = maximum(directions, maximum(maximum(absolute(x), absolute(y)), absolute(z)))
-        offsets = maximum(offsets, maximum(maximum(absolute(ox), absolute(oy)), absolute(oz)))
-    size, offset = reduce_max(directions), reduce_max(offsets)
+    return moments
+
+
+@inlined
+def _middle(low, high, more):
+    """(middle, half extent) of an interval; `more`: added to the half extent."""
+    middle = np.float32(0.5) * (low + high)
+    return middle, larger(high - middle, middle - low) + more
+
+
+@inlined
+def lines_of(d_low, d_high, levers, x0, reach):
+    """The `PacketLines` of a packet.
+
+    d_low, d_high : the least and the greatest components of the directions
+    levers : the greatest of `moments_of`, and the largest magnitude of a component of origin - x0
+    x0 : near which the lines pass, (x, y, z)
+    reach : the largest magnitude of a coordinate of x0, the origins and the triangles
+    """
+    largest_x = larger(abs(d_low[0]), abs(d_high[0]))
+    largest_y = larger(abs(d_low[1]), abs(d_high[1]))
+    size = larger(larger(largest_x, largest_y), larger(abs(d_low[2]), abs(d_high[2])))
     more = size * _SPREAD
-    (x, dx), (y, dy), (z, dz) = _middle(xs, more), _middle(ys, more), _middle(zs, more)
+    (x, dx), (y, dy) = _middle(d_low[0], d_high[0], more), _middle(d_low[1], d_high[1], more)
+    z, dz = _middle(d_low[2], d_high[2], more)
     span = np.float32(3.0) * size
-    lever = (reduce_max(moments) + size * offset * _LEVER) * _MORE
+    lever = (levers[0] + size * levers[1] * _LEVER) * _MORE
     lever = lever if span * reach * reach < _MOST and reach < LARGE else _INF
     return PacketLines(Vec3(x0[0], x0[1], x0[2]), Vec3(x, y, z), Vec3(dx, dy, dz), span, lever)
 

@@ -52,7 +52,8 @@ from ...scene.scene_bounds import NEAREST
 from ..counters import N_COUNTERS, RAYS, add_counters, cleared, count, new_counters
 from .hit_reports import CORNER_WORDS, REPORT_WORDS, Report, write_nearest
 from .interleaved_rays import walk_interleaved
-from .ray_packet import LITTLE_TURN, is_coherent_with, walk_packet
+from .packet_extents import LITTLE_TURN, are_coherent, extents_of, is_coherent_with
+from .ray_packet import packet_of, walk_packet
 from .row_tiles import NO_RUNS, RUN, Runs, line_of, number_at, runs_of
 from .wide_traversal import (
     BLOCK_WORDS,
@@ -145,19 +146,52 @@ def _fill_points(operand, first, step, last, shift, rows, at):
 
 
 @inlined
+def _put_end(block, k, i, t):
+    """Write tmin (k = 0) or tmax (k = 1) of ray i. Return whether it is valid."""
+    put(block.precise, ENDS + LANES * k + i, t)
+    put(block.rows, TMIN + LANES * k + i, np.float32(t))
+    return t == t and (k == 1 or (t >= 0.0 and t < np.inf))
+
+
+@inlined
 def _fill_ends(number, first, step, last, block, k):
     """Write tmin (k = 0) or tmax (k = 1) of two runs of rays. Return whether all are valid."""
-    rows, ends, good = ptr_at(block.rows, TMIN + LANES * k), ptr_at(block.precise, ENDS + LANES * k), True
-    for i in range(1 if number.row == 0 else LANES):
-        t = number.shared
-        if number.address != 0:
-            t = number_at(number, number.address + _ray_at(first, step, i, last) * number.row)
-        put(ends, i, t)
-        put(rows, i, np.float32(t))
-        good &= t == t and (k == 1 or (t >= 0.0 and t < np.inf))
-    if number.row == 0:  # all rays share it
-        store(ends, 0, broadcast16(ends, 0))
-        store(rows, 0, broadcast16(rows, 0))
+    good = True
+    for i in range(LANES):
+        place = number.address + _ray_at(first, step, i, last) * number.row
+        good &= _put_end(block, k, i, number_at(number, place))
+    return good
+
+
+@inlined
+def _share_end(number, block, k):
+    """`_fill_ends` where all rays have the same one."""
+    t = number.shared
+    if number.address != 0:
+        t = number_at(number, number.address)
+    good = _put_end(block, k, 0, t)
+    rows, ends = ptr_at(block.rows, TMIN + LANES * k), ptr_at(block.precise, ENDS + LANES * k)
+    store(ends, 0, broadcast16(ends, 0))
+    store(rows, 0, broadcast16(rows, 0))
+    return good
+
+
+@inlined
+def share_ends(rays, batch):
+    """Write the ends, and the face to skip, that all rays of a list share, to all blocks of a batch.
+
+    Return whether they are valid. `read_batch` keeps them, and writes those that differ from ray to ray.
+    """
+    good, skip = True, np.int32(-1)
+    if rays.skip.address == 0:
+        skip = np.int32(rays.skip.shared)
+    for j in range(BLOCKS):
+        block = block_of(batch, j)
+        if rays.tmin.row == 0:
+            good &= _share_end(rays.tmin, block, 0)
+        if rays.tmax.row == 0:
+            good &= _share_end(rays.tmax, block, 1)
+        store(block.skip, 0, splat16(skip))
     return good
 
 
@@ -203,10 +237,12 @@ def _load(args, first, step, last, block):
     _settle(rows, OX)
     if block.segments:
         _settle(rows, DX)
-    good = _fill_ends(args.tmin, first, step, last, block, 0) and _fill_ends(args.tmax, first, step, last, block, 1)
-    if args.skip.address == 0:
-        store(skip, 0, splat16(np.int32(args.skip.shared)))
-    else:
+    good = True
+    if args.tmin.row != 0:
+        good = _fill_ends(args.tmin, first, step, last, block, 0)
+    if args.tmax.row != 0:
+        good &= _fill_ends(args.tmax, first, step, last, block, 1)
+    if args.skip.address != 0:
         for i in range(LANES):
             put(skip, i, get(i32_at(args.skip.address + _ray_at(first, step, i, last) * args.skip.row), 0))
     finite = _largest_bits(rows, OX)
@@ -240,18 +276,8 @@ def read_point(rays, i):
 
 
 @inlined
-def share_ends(rays, batch):
-    """Give all rays of a batch the ends that the rays of a list share, and no face to skip."""
-    for j in range(BLOCKS):
-        block = block_of(batch, j)
-        _fill_ends(rays.tmin, np.int64(0), np.int64(RUN), np.int64(0), block, 0)
-        _fill_ends(rays.tmax, np.int64(0), np.int64(RUN), np.int64(0), block, 1)
-        store(block.skip, 0, splat16(np.int32(-1)))
-
-
-@inlined
 def read_batch(tree, rays, runs, batch):
-    """Read up to 64 rays of a list, those of a `Runs`, and prepare their blocks.
+    """Read up to 64 rays of a list, those of a `Runs`, and prepare their blocks, after `share_ends`.
 
     Return (number of rays in the blocks, bits of the rays with a non-zero direction, whether all are valid).
     """
@@ -306,12 +332,19 @@ def trace_blocks(tree, rays, alive, query, turn, hits, counters):
 
     turn : as in `is_coherent_with`
     """
-    blocked, single = np.int64(0), np.int64(0)
+    blocked, single, together = np.int64(0), np.int64(0), True  # try all blocks together first
     while alive:
         j = first_block(alive)
-        packet = alive & _packet_rays(rays.rows, j, alive, tree.reach, turn, query.any_hit)
+        packet = alive
+        if not together:
+            packet &= _packet_rays(rays.rows, j, alive, tree.reach, turn, query.any_hit)
         if packet:
-            blocked |= walk_packet(tree, rays, packet, query, hits, counters)
+            extents = extents_of(rays.rows, packet)
+            if together and not are_coherent(rays.rows, packet, extents, tree.reach, turn, query.any_hit):
+                together = False
+                continue
+            bounds = packet_of(tree, rays.rows, packet, extents), extents.limit
+            blocked |= walk_packet(tree, rays, packet, bounds, query, hits, counters)
             alive &= ~packet
         else:
             single |= alive & rays_of_block(j)
@@ -354,11 +387,11 @@ def _blocks(ticket, wide, batches, any_hit, out, faults, counters):
         stack_f32(CORNER_WORDS), stack_f32(BLOCK_WORDS), stack_f64(REPORT_WORDS), stack_i32(_LISTED), stack_i64(_LISTED)
     )
     batch, query = RayBlock(rows, precise, skip, rays.segments), Query(rays.cull_faces, any_hit)
-    mine, tree = cleared(stack_i64(N_COUNTERS)), wide_tree_of(wide)
+    mine, tree, sound = cleared(stack_i64(N_COUNTERS)), wide_tree_of(wide), share_ends(rays, batch)
     for b in items(ticket):
         runs = Runs(listed[b, 0], listed[b, 1], listed[b, 2]) if len(listed) > 0 else line_of(b * _RAYS)
         n, alive, good = read_batch(tree, rays, runs, batch)
-        if not good:
+        if not (sound and good):
             faults[0], ticket[STOP] = True, 1
             break
         if runs.step != RUN:

@@ -18,16 +18,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ...bvh.nodes import GROUP_WORDS, LINKS, NODE_WORDS, WIDTH, wide_leaf
-from ...kernels.exact.filters import FilterTriangles, filter_hits
+from ...kernels.exact.filters import FilterTriangles, filter_hits, larger
 from ...kernels.jit import I32Ptr, I64Ptr, inlined
 from ...kernels.simd import (
-    absolute,
-    all_lanes,
     as_f32,
     bits,
     broadcast8,
     broadcast16,
-    extract,
     fma,
     get,
     load8,
@@ -44,15 +41,28 @@ from ...kernels.simd import (
     select,
     splat8,
     splat16,
+    stack_f32,
     stack_i32,
     stack_i64,
     store,
 )
 from ..counters import BOX_TESTS, NODES, TRIANGLE_TESTS, count
-from .packet_lines import PacketLines, culled, lines_of
+from .packet_extents import (
+    first_end,
+    first_of,
+    greatest_of,
+    largest_distance,
+    least_of,
+    put_extremes,
+    rows_at,
+    span_of,
+    spread_of_ends,
+    word_of,
+)
+from .packet_lines import PacketLines, culled, lines_of, moments_of
 from .wide_traversal import (
     BLOCK_WORDS,
-    DX,
+    BLOCKS,
     FAR,
     INVERSE,
     LANE,
@@ -63,11 +73,9 @@ from .wide_traversal import (
     NEAR,
     OX,
     PAD,
-    SMALL,
     STACK,
     TMIN,
     TURN,
-    UNIT,
     Query,
     block_of,
     defer,
@@ -89,7 +97,7 @@ from .wide_traversal import (
 
 
 _TWICE = np.float32(2.0)  # planes are moved twice as far as by `wide_traversal.prepare`, for the roundings of intervals
-_INF = np.float32(np.inf)
+_INF, _ZERO = np.float32(np.inf), np.float32(0.0)
 
 
 class Focus(NamedTuple):
@@ -125,107 +133,87 @@ class RayPacket(NamedTuple):
 
 
 @inlined
-def _end(rows, at, k):
-    """Coordinate k of the ends of the rays in the block at word `at`."""
-    return fma(load16(rows, DX + LANES * k + at), load16(rows, LIMIT + at), load16(rows, OX + LANES * k + at))
+def _focus_of(rows, rays, extents):
+    """The `Focus` of the blocks that hold rays in `rays` (bits), and whether all rays of these blocks start there.
 
-
-@inlined
-def _spread_of_ends(rows, alive, e):
-    """The largest distance, along an axis, from a point e to the ends of blocks with rays in `alive` (bits)."""
-    ends = splat16(np.float32(0.0))
-    while alive:
-        j = first_block(alive)
-        alive &= ~rays_of_block(j)
-        for k in range(3):
-            ends = maximum(ends, absolute(_end(rows, j * BLOCK_WORDS, k) - e[k]))
-    return reduce_max(ends)
-
-
-@inlined
-def _focus_of(rows, alive, limit):
-    """The `Focus` of the blocks that hold the rays in `alive` (bits): the first origin, or the first end.
-
-    The end is used if the ends are closer together than the origins, and its quotients cannot overflow.
-
-    limit : the greatest limit of the rays
+    It is the first origin, or the first end. The end is used if the ends are closer together than the origins, and its
+    quotients cannot overflow.
     """
-    first, remaining = first_block(alive) * BLOCK_WORDS, alive
-    starts, sizes = splat16(np.float32(0.0)), splat16(np.float32(0.0))
-    o = get(rows, first + OX), get(rows, first + OX + LANES), get(rows, first + OX + 2 * LANES)
-    while remaining:
-        j = first_block(remaining)
-        remaining &= ~rays_of_block(j)
-        for k in range(3):
-            start = load16(rows, OX + LANES * k + j * BLOCK_WORDS)
-            sizes, starts = maximum(sizes, absolute(start)), maximum(starts, absolute(start - o[k]))
-    size, spread = reduce_max(sizes), reduce_max(starts)
-    if spread > 0.0 and limit < _INF:
-        e = extract(_end(rows, first, 0), 0), extract(_end(rows, first, 1), 0), extract(_end(rows, first, 2), 0)
-        end = max(max(abs(e[0]), abs(e[1])), abs(e[2]))
-        if end < LARGE and _spread_of_ends(rows, alive, e) < spread:
-            return Focus(e[0], e[1], e[2], max(size, end))
-    return Focus(o[0], o[1], o[2], size)
+    o = first_of(rows, first_block(rays) * BLOCK_WORDS, OX)
+    size = largest_distance(extents.o_low, extents.o_high, (_ZERO, _ZERO, _ZERO))
+    spread = largest_distance(extents.o_low, extents.o_high, o)
+    if spread > 0.0 and extents.limit < _INF:
+        e = first_end(rows, first_block(rays) * BLOCK_WORDS)
+        end = larger(larger(abs(e[0]), abs(e[1])), abs(e[2]))
+        if end < LARGE and spread_of_ends(rows, rays, e) < spread:
+            return Focus(e[0], e[1], e[2], larger(size, end)), False
+    return Focus(o[0], o[1], o[2], size), spread == 0.0
 
 
 @inlined
-def _mixed_axis(rows, alive, k, pad):
+def _mixed_axis(rows, rays, k, o_low, o_high, pad):
     """(`low`, `high`, `near`, `far`) of `PacketAxis` k, along which directions differ in sign."""
-    backs, fronts, firsts, lasts = splat16(-_INF), splat16(_INF), splat16(_INF), splat16(-_INF)
-    zero = np.float32(0.0)
-    while alive:
-        j = first_block(alive)
-        alive &= ~rays_of_block(j)
-        b = j * BLOCK_WORDS + LANES * k
-        inverse, start = load16(rows, INVERSE + b), load16(rows, OX + b)
-        backs = maximum(backs, select(inverse < zero, inverse, splat16(-_INF)))
-        fronts = minimum(fronts, select(inverse > zero, inverse, splat16(_INF)))
-        firsts, lasts = minimum(firsts, start), maximum(lasts, start)
+    # In: o_low, o_high, the least and the greatest coordinate of the origins
+    backs, fronts = splat16(-_INF), splat16(_INF)
+    for j in range(BLOCKS):
+        inverse = load16(rows, INVERSE + LANES * k + word_of(rays, j))
+        backs = maximum(backs, select(inverse < _ZERO, inverse, splat16(-_INF)))
+        fronts = minimum(fronts, select(inverse > _ZERO, inverse, splat16(_INF)))
     back, front = reduce_max(backs), reduce_min(fronts)
-    return back, front, -(reduce_max(lasts) * front) - pad * front, -(reduce_min(firsts) * back) + pad * back
+    return back, front, -(o_high * front) - pad * front, -(o_low * back) + pad * back
 
 
 @inlined
-def _axis(rows, alive, k, origin, tree_reach, turn):
-    """The `PacketAxis` k of a packet; turn: TURN of the largest coordinate of the rays, the tree and x0 on any axis."""
-    lows, highs, nears, fars = splat16(_INF), splat16(-_INF), splat16(_INF), splat16(-_INF)
-    sizes, remaining = splat16(max(abs(origin), tree_reach[k])), alive
-    while remaining:
-        j = first_block(remaining)
-        remaining &= ~rays_of_block(j)
-        b = j * BLOCK_WORDS + LANES * k
-        inverse, start = load16(rows, INVERSE + b), load16(rows, OX + b)
-        offset, sizes = (splat16(origin) - start) * inverse, maximum(sizes, absolute(start))
-        lows, highs = minimum(lows, inverse), maximum(highs, inverse)
-        nears, fars = minimum(nears, offset), maximum(fars, offset)
-    low, high, word = reduce_min(lows), reduce_max(highs), np.int64(2 * WIDTH * k)
-    pad = (reduce_max(sizes) * PAD + turn) * _TWICE
+def _offsets(rows, rays, k, origin):
+    """t from the plane through x0 to the origins along axis k, for the four blocks."""
+    start, inverse = rows_at(rows, rays, OX + LANES * k), rows_at(rows, rays, INVERSE + LANES * k)
+    return (
+        (origin - start[0]) * inverse[0],
+        (origin - start[1]) * inverse[1],
+        (origin - start[2]) * inverse[2],
+        (origin - start[3]) * inverse[3],
+    )
+
+
+@inlined
+def _axis(rows, rays, k, extents, origin, offsets, sizes):
+    """The `PacketAxis` k of a packet.
+
+    offsets : (least, greatest) of `_offsets`
+    sizes : the tree's reach along the axis, and TURN of the largest coordinate of the rays, the tree and x0 on any axis
+    """
+    low, high, word = extents.inverse_low[k], extents.inverse_high[k], np.int64(2 * WIDTH * k)
+    o_low, o_high = extents.o_low[k], extents.o_high[k]
+    size = larger(larger(abs(o_low), abs(o_high)), larger(abs(origin), sizes[0]))
+    pad = (size * PAD + sizes[1]) * _TWICE
     if low < 0.0 and high > 0.0:
-        back, front, near, far = _mixed_axis(rows, alive, k, pad)
+        back, front, near, far = _mixed_axis(rows, rays, k, o_low, o_high, pad)
         return PacketAxis(origin, back, front, near, far, word, True)
     grow = pad * (-low if low < 0 else high)
     word += np.int64(WIDTH) if low < 0 else 0
-    return PacketAxis(origin, low, high, reduce_min(nears) - grow, reduce_max(fars) + grow, word, False)
+    return PacketAxis(origin, low, high, offsets[0] - grow, offsets[1] + grow, word, False)
 
 
 @inlined
-def packet_of(tree, rows, alive):
-    """(`RayPacket`, greatest limit) of those prepared blocks that hold rays in `alive` (bits)."""
-    tmins, limits, remaining = splat16(_INF), splat16(-_INF), alive
-    while remaining:
-        j = first_block(remaining)
-        remaining &= ~rays_of_block(j)
-        b = j * BLOCK_WORDS
-        tmins, limits = minimum(tmins, load16(rows, TMIN + b)), maximum(limits, load16(rows, LIMIT + b))
-    limit = reduce_max(limits)
-    f = _focus_of(rows, alive, limit)
-    reach = max(f.size, largest_of(tree.reach))
+def packet_of(tree, rows, rays, extents):
+    """The `RayPacket` of those prepared blocks that hold rays in `rays` (bits), from their extents."""
+    f, from_one_point = _focus_of(rows, rays, extents)
+    x0 = f.x, f.y, f.z
+    low, high = (_ZERO, _ZERO, _ZERO, _ZERO), (_ZERO, _ZERO, _ZERO, _ZERO)
+    if not from_one_point:
+        out = stack_f32(LANES)
+        moments = moments_of(rows, rays, x0)
+        xs, ys = span_of(_offsets(rows, rays, 0, f.x)), span_of(_offsets(rows, rays, 1, f.y))
+        put_extremes(xs, ys, span_of(_offsets(rows, rays, 2, f.z)), (moments, moments), out)
+        low, high = least_of(out), greatest_of(out)
+    reach = larger(f.size, largest_of(tree.reach))
     turn = reach * TURN
-    x = _axis(rows, alive, 0, f.x, tree.reach, turn)
-    y = _axis(rows, alive, 1, f.y, tree.reach, turn)
-    z = _axis(rows, alive, 2, f.z, tree.reach, turn)
-    lines = lines_of(rows, alive, (f.x, f.y, f.z), reach)
-    return RayPacket(x, y, z, reduce_min(tmins), x.mixed or y.mixed or z.mixed, lines), limit
+    x = _axis(rows, rays, 0, extents, f.x, (low[0], high[0]), (tree.reach[0], turn))
+    y = _axis(rows, rays, 1, extents, f.y, (low[1], high[1]), (tree.reach[1], turn))
+    z = _axis(rows, rays, 2, extents, f.z, (low[2], high[2]), (tree.reach[2], turn))
+    offset = largest_distance(extents.o_low, extents.o_high, x0)
+    lines = lines_of(extents.d_low, extents.d_high, (high[3], offset), x0, reach)
+    return RayPacket(x, y, z, extents.tmin, x.mixed or y.mixed or z.mixed, lines)
 
 
 @inlined
@@ -306,52 +294,12 @@ def enter_alike(nodes, box, rows, packet):
 # --- Traversal of a packet --------------------------------------------------------------------------------------------
 
 
-_NEAR_ENDS = np.float32(
-    1 / 32
-)  # largest extent of a packet's origins, or of its ends, as a fraction of the tree's reach
-LITTLE_TURN = np.float32(1 / 4)  # largest extent of its directions, as a fraction of their largest component
-COMMON_TURN = np.float32(1.0)  # the same for the rays of a tile to one light
-
-
 class _Stack(NamedTuple):
     """The stack of a packet: pointers to scratch memory."""
 
     rays: I64Ptr  # int64 *: bits of the rays that enter the box
     boxes: I32Ptr  # int32 *: word of the box's first plane
     keys: I32Ptr  # int32 *: lower bound of the entry t, as its bits
-
-
-@inlined
-def is_coherent_with(rows, first, j, tree_reach, turn, any_hit):
-    """True if the sixteen rays of prepared block j are coherent with the packet that begins with block `first`.
-
-    Their origins are within 1/32 of the tree's reach from that of the packet's first ray, and components of their
-    directions differ from its own by at most `turn` times its largest one. For any-hit segments, it is enough that they
-    end close together. Directions beyond 2^-40 .. 2^40 are never coherent, since intervals could overflow.
-    """
-    a, b = first * BLOCK_WORDS, j * BLOCK_WORDS
-    distance, limit = splat16(_NEAR_ENDS * largest_of(tree_reach)), load16(rows, LIMIT + b)
-    widest, first_limit = np.float32(0.0), get(rows, LIMIT + a)
-    for k in range(3):
-        size = abs(get(rows, DX + LANES * k + a))
-        widest = size if size > widest else widest
-    most = splat16(turn * widest)
-    length = splat16(np.float32(0.0))
-    for k in range(3):
-        length = maximum(length, absolute(load16(rows, DX + LANES * k + b)))
-    tame = (length > SMALL) & (length < LARGE) & (load16(rows, UNIT + b) < np.float32(np.inf))
-    start, stop = tame, tame
-    for k in range(3):
-        o, d = load16(rows, OX + LANES * k + b), load16(rows, DX + LANES * k + b)
-        o0, d0 = get(rows, OX + LANES * k + a), get(rows, DX + LANES * k + a)
-        start &= (absolute(o - o0) <= distance) & (absolute(d - d0) <= most)
-    if all_lanes(start) or not any_hit:
-        return all_lanes(start)
-    for k in range(3):
-        o, d = load16(rows, OX + LANES * k + b), load16(rows, DX + LANES * k + b)
-        o0, d0 = get(rows, OX + LANES * k + a), get(rows, DX + LANES * k + a)
-        stop &= absolute(fma(d, limit, o) - (d0 * first_limit + o0)) <= distance
-    return all_lanes(stop)
 
 
 @inlined
@@ -507,10 +455,10 @@ def _leaf_of_blocks(tree, rays, active, leaf, query, hits, counters):
 
 
 @inlined
-def _walk_any(tree, rays, alive, query, hits, counters):
+def _walk_any(tree, rays, alive, packet, query, hits, counters):
     """Trace the rays in `alive`, of several blocks. Return bits of the blocked rays."""
     stack, rows = _Stack(stack_i64(STACK), stack_i32(STACK), stack_i32(1)), rays.rows
-    packet, limit = packet_of(tree, rows, alive)
+    packet, limit = packet
     height, link, blocked, active = 0, 0, 0, alive
     while True:
         if link < 0:
@@ -547,10 +495,10 @@ def _greatest_limit(rows, alive):
 
 
 @inlined
-def _walk_nearest(tree, rays, alive, query, hits, counters):
+def _walk_nearest(tree, rays, alive, packet, query, hits, counters):
     """Trace the rays in `alive`, of several blocks, and write their nearest hits to `hits`."""
     stack, rows = _Stack(stack_i64(STACK), stack_i32(STACK), stack_i32(STACK)), rays.rows
-    packet, limit = packet_of(tree, rows, alive)
+    packet, limit = packet
     height, link, box, active = np.int64(0), np.int64(0), np.int64(0), alive
     while True:
         if link < 0:
@@ -574,13 +522,15 @@ def _walk_nearest(tree, rays, alive, query, hits, counters):
 
 
 @inlined
-def walk_packet(tree, rays, alive, query, hits, counters):
+def walk_packet(tree, rays, alive, packet, query, hits, counters):
     """Trace the rays in `alive` (bits) of several blocks, a coherent packet of up to 64.
 
     Any-hit queries return bits of the blocked rays. Closest-hit queries write `hits` as `walk_interleaved` does, block
     by block.
+
+    packet : its `RayPacket`, and the greatest limit
     """
     if query.any_hit:
-        return _walk_any(tree, rays, alive, Query(query.cull_faces, True), hits, counters)
-    _walk_nearest(tree, rays, alive, Query(query.cull_faces, False), hits, counters)
+        return _walk_any(tree, rays, alive, packet, Query(query.cull_faces, True), hits, counters)
+    _walk_nearest(tree, rays, alive, packet, Query(query.cull_faces, False), hits, counters)
     return np.int64(0)
