@@ -2,8 +2,8 @@
 
     python benchmarks/device.py --device cuda|opencl|host [scene ...]
         [--part rays|shafts|build|frame|cutouts|copies|store ...] [--rays N] [--triangles N ...] [--size W H] [--spp N]
-        [--store FILE] [--device-memory SIZE] [--kind KIND ...] [--frames N] [--threads N] [--rounds N]
-        [--json FILE|auto]
+        [--store FILE] [--device-memory SIZE] [--kind KIND ...] [--walk near|far ...] [--frames N]
+        [--threads N] [--rounds N] [--json FILE|auto]
 
 The part `build` is described in device_build.py, `frame` in device_frame.py, `cutouts` and `copies` in
 device_surfaces.py, and `store`, which is measured only if it is named, in device_store.py. The part `rays` follows.
@@ -350,6 +350,9 @@ def main() -> None:
     parser.add_argument("--device-memory", type=memory, default=DEVICE_CHUNKS, help="for chunks; default: 8G")
     parser.add_argument("--frames", type=int, default=4, help="of each walk through a store")
     parser.add_argument("--kind", nargs="+", choices=device_store.KINDS, default=["shadow"], help="of rays in a store")
+    parser.add_argument(
+        "--walk", nargs="+", choices=device_store.VIEWS, default=device_store.VIEWS, help="default: both"
+    )
     parser.add_argument("--threads", type=int, help="of the CPU; default: all cores")
     parser.add_argument("--rounds", type=int, default=7)
     parser.add_argument("--json", help="also write the rows to this file; auto: docs/results/device-NAME.json")

@@ -7,6 +7,7 @@ The scene is a height field of triangles whose waves move. Cases, for each of --
 - `ploc`: the tree of `ploc`, in the same way
 - `refit`: the same tree after the waves have moved, with its SAH cost, by which plans choose refits
 - `update`: new vertices, from an array on the device, recentred and surveyed
+- `raster`: what a camera sees of the triangles, without a tree, from vertices on the host. `differs` counts pixels.
 - `cull`: the tree of what `grid32` leaves for the shadow rays of a picture, from receivers on the host
 - `frame`: the tree of new triangles, and the shadow rays of a picture in it: receivers and vertices on the host before,
   bits on the host after. `differs` counts receivers.
@@ -14,8 +15,9 @@ The scene is a height field of triangles whose waves move. Cases, for each of --
 
 The rows of `cull` and `culled` have the bytes that one call copies to the device and from it.
 
-Steps: each kernel of a build, a refit, an update and of culling with its launches, the time between the events before
-and after them, and the bytes that it must move at least once: what a kernel reads again comes from caches.
+Steps: each kernel of a build, a refit, an update, of rasterisation and of culling with its launches, the time between
+the events before and after them, and the bytes that it must move at least once: what a kernel reads again comes from
+caches.
 """
 
 import argparse
@@ -32,6 +34,7 @@ from antumbra.bvh.nodes import LINK, Bvh
 from antumbra.bvh.tree_quality import AREA_ROW
 from antumbra.devices.arrays import DeviceArray
 from antumbra.devices.device import Device, DeviceMemory
+from antumbra.engine.primary_visibility import primary_visibility
 from antumbra.query.query_bounds import triangle_box
 from antumbra.query.shadow_query import ShadowQuery, new_bits, ray_count
 from antumbra.scene.camera import Camera
@@ -43,6 +46,7 @@ from antumbra.techniques.culling.device_culling import build_relevant
 from antumbra.techniques.culling.pre_bvh_culling import CullRequest, cull
 from antumbra.trace.device.build_kernels import DIGIT
 from antumbra.trace.device.device_launches import DeviceLaunches
+from antumbra.trace.device.device_rasteriser import draw_surfaces
 from antumbra.trace.device.device_tracer import DeviceTracer
 from antumbra.trace.device.device_tree import DeviceTree
 from antumbra.trace.device.ploc_build import PlocTree
@@ -93,12 +97,21 @@ MOVED: dict[str, Callable[..., int]] = {
     "sum_lines": lambda marked, axis: 8 * (marked.n + 1) ** 3,
     "tag_triangles": lambda source, marked, tags: 40 * source.n,
     "write_pixel_rays": lambda pixels, origins, directions: 24 * pixels.n,
+    "tag_seen": lambda source, camera, tags: 40 * source.n,
+    "draw_triangles": lambda drawn, camera, rays, work, targets: 48 * drawn.n + 32 * camera.n,
+    "draw_parts": lambda drawn, camera, rays, work, targets, n: 20 * n,
+    "settle_nearest": lambda tree, rays, work, first, n: 84 * n,
+    "report_hits": lambda tree, rays, work, hits, first, n: 96 * n,
+    "use_picture_t": lambda tree, rays, work, hits: 84 * work.n,
+    "write_numbers": lambda hits, rays, t, u, v, n: 36 * n,
+    "mark_rays": lambda out, marks, n: 12 * n,
+    "gather_points": lambda points, places, n, out: 28 * n,
     "write_surfaces": lambda pixels, hits, vertices, out: 80 * pixels.n,
     "move_receivers": lambda surfaces, vertices, work, first, n: 76 * n,
     "sum_areas": lambda tree, n, sums: 64 * n + 16 * (n // AREA_ROW + 1),
     "join_areas": lambda sums, n, out, m: 16 * (n + m),
 }
-"""Name of a kernel -> the bytes that a launch moves at least, by its arguments."""
+"""Name of a kernel -> the bytes that a launch moves at least, by its arguments, if the triangles cover the picture."""
 
 
 class Timings(NamedTuple):
@@ -123,14 +136,18 @@ def waves(n: int, time: float) -> np.ndarray:
     return np.stack([np.stack([a, b, c], 2), np.stack([a, c, d], 2)], 2).reshape(-1, 3, 3)[:n].copy()
 
 
+def camera_of(size: tuple[int, int]) -> Camera:
+    """The camera above the waves."""
+    return Camera((0.0, 7.0, 14.0), (0.0, -1.0, 0.0), width=size[0], height=size[1])
+
+
 def shadow_query_of(
     vertices: np.ndarray, size: tuple[int, int], spp: int, threads: int
 ) -> tuple[Triangles, ShadowQuery]:
     """The triangles of the waves, and the shadow rays of a picture of them, to a light that is low above them."""
-    camera = Camera((0.0, 7.0, 14.0), (0.0, -1.0, 0.0), width=size[0], height=size[1])
     light = QuadLight((-14.0, 3.0, -3.0), (0.0, 2.0, 0.0), (0.0, 0.0, 2.0))
     triangles = antumbra.Scene.from_arrays(vertices).triangles()._replace(vertices=vertices, origin=np.zeros(3))
-    return triangles, query_of(triangles, camera, light, spp, threads)
+    return triangles, query_of(triangles, camera_of(size), light, spp, threads)
 
 
 # --- Rows -------------------------------------------------------------------------------------------------------------
@@ -147,6 +164,8 @@ def step_rows(launches: DeviceLaunches, build: Callable[[], Any]) -> Iterator[di
     queue, launch, marks = launches.device.queue, launches.launch, []
 
     def marked(name: str, arguments: Any, threads: int) -> None:
+        if threads <= 0:  # nothing is launched
+            return
         before = queue.record()
         launch(name, arguments, threads)
         marks.append((name, MOVED[name](*arguments), before, queue.record()))
@@ -204,6 +223,13 @@ def rows(tracer: DeviceTracer, n: int, options: argparse.Namespace, how: Timings
         yield how.row(about | {"case": "update"}, "device", timing._replace(answers=answers), n, truth)
         yield how.row(about | {"case": "update"}, "cpu", on_cpu._replace(answers=truth), n, truth)
         triangles, query = shadow_query_of(first, options.size, options.spp, how.threads)
+        camera = camera_of(options.size)
+        draw = partial(draw_surfaces, tracer, triangles, camera.rays(triangles.origin), None, how.threads)
+        on_cpu = how.timed(partial(primary_visibility, triangles, camera, threads=how.threads), how.rounds)
+        for method, timing in ("device", how.timed(draw, how.rounds)), ("cpu", on_cpu):
+            seen = timing._replace(answers=(timing.answers.face, timing.answers.depth))
+            truth = on_cpu.answers.face, on_cpu.answers.depth
+            yield how.row(about | {"case": "raster"}, method, seen, camera.width * camera.height, truth)
 
         def culled() -> DeviceTree:
             request = CullRequest([query], 32, how.threads, lambda step: None)
@@ -221,7 +247,7 @@ def rows(tracer: DeviceTracer, n: int, options: argparse.Namespace, how: Timings
         yield how.row(about | {"case": "cull"}, "device", timing, n, truth) | copied_bytes
         yield how.row(about | {"case": "cull"}, "cpu", on_cpu._replace(answers=truth), n, truth)
         of_ploc = partial(PlocTree, source_of(memory, None, tracer.launches), tracer.launches)
-        steps = {"build": there, "ploc": of_ploc, "refit": refitted, "update": updated, "cull": culled}
+        steps = {"build": there, "ploc": of_ploc, "refit": refitted, "update": updated, "raster": draw, "cull": culled}
         for case, work in steps.items():
             for each in step_rows(tracer.launches, work):
                 yield about | {"case": f"{case} step"} | each

@@ -1,9 +1,9 @@
 """Rays of a store on a device whose memory is a cache of chunks: the part `store` of benchmarks/device.py.
 
 The scene is --store, or a city of the first of --triangles; if --store names no file, the city is built there. A card
-has room for --device-memory of chunks. Cases: --frames of the walks `near` and `far` of `antumbra bench chc-rt`, with
-the secondary rays of each of --kind: `shadow` and `ambient` take --spp samples, `diffuse` one ray and its shadow ray.
-Each walk begins with nothing on the card.
+has room for --device-memory of chunks. Cases: --frames of each --walk of `antumbra bench chc-rt`, `near` or `far`, with
+the secondary rays of each --kind: `shadow` and `ambient` take --spp samples, `diffuse` one ray and its shadow ray. Each
+walk begins with nothing on the card.
 
     python benchmarks/device.py --device cuda --part store --store city.antumbra --triangles 350000000 --size 1920 1080
 
@@ -25,16 +25,18 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 import antumbra
+from antumbra.engine.device_tracers import device_tracer
+from antumbra.engine.plan import parse_plan
 from antumbra.engine.sources.paged_source import Paged
 from antumbra.lab.papers.benchmark_views import scene_view
-from antumbra.lab.papers.chc_rt.walkthroughs import VIEWS, Walk, place_of
+from antumbra.lab.papers.chc_rt.walkthroughs import VIEWS, WalkPlace, place_of
 from antumbra.picture.frame import Frame
 from antumbra.picture.renderer import Renderer
 from antumbra.scene.camera import Camera
-from antumbra.scene.lights import Light
+from antumbra.store.system_resources import MAX_MEMORY
 from device_build import copies_of
 
-KINDS = "shadow", "ambient", "diffuse"
+KINDS, WALKS = ("shadow", "ambient", "diffuse"), VIEWS
 
 
 class Measures(NamedTuple):
@@ -52,43 +54,73 @@ def rows(options: argparse.Namespace, how: Measures) -> Iterator[dict[str, Any]]
         if not path.exists():
             city = f"procedural:city?triangles={options.triangles[0]}"  # the command makes it piece by piece
             subprocess.run([sys.executable, "-m", "antumbra", "build", city, "-o", path], check=True)
-        with antumbra.load(path).store as store:
+        scene = antumbra.load(path)
+        with scene.store as store:
             chunks = store.chunks
             print(f"{store.meta.n_triangles} triangles in {len(store)} chunks, {chunks.bytes.sum() / 1e6:.0f} MB")
-        for kind, view in product(options.kind, VIEWS):
-            yield from _walk_rows(path, kind, view, options, how)
+            place = place_of(scene_view("city", scene, tuple(options.size)))
+        for kind, view in product(options.kind, options.walk):
+            yield from _walk_rows(path, place, kind, view, options, how)
 
 
 def _walk_rows(
-    path: Path, kind: str, view: str, options: argparse.Namespace, how: Measures
+    path: Path, place: WalkPlace, kind: str, view: str, options: argparse.Namespace, how: Measures
 ) -> Iterator[dict[str, Any]]:
-    scenes = [antumbra.load(path) for _ in range(2)]
-    plans = f"bsah+chcrt+device:{options.device}", "bsah+chcrt"
-    there, here = (Renderer(scene, plan, how.threads) for scene, plan in zip(scenes, plans))
-    place = place_of(scene_view("city", scenes[0], tuple(options.size)))
-    cache = cast(Paged, there.source).on_device
-    cache.budget = min(cache.budget, options.device_memory)
-    about = {"scene": path.name, "triangles": scenes[0].n_triangles, "device_memory": cache.budget}
-    walk: Walk = place.walk(view)
+    walk, length = place.walk(view), max(options.frames, 20)
     light = antumbra.AmbientOcclusion(place.reach) if kind == "ambient" else place.light
-    asked = {"spp": 1, "bounce": 1} if kind == "diffuse" else {"spp": options.spp}
+    asked = {"lights": [light], "spp": 1, "bounce": 1} if kind == "diffuse" else {"lights": [light], "spp": options.spp}
+    cameras = [walk.camera(k, length) for k in range(options.frames)]
+    plans = {"device, host arrays": f"bsah+chcrt+device:{options.device}", "cpu": "bsah+chcrt"}
+    walks = {method: list(_frames(path, plan, cameras, asked, options, how)) for method, plan in plans.items()}
     for k in range(options.frames):
-        camera, frames = walk.camera(k, max(options.frames, 20)), list[Frame]()
-        copied = copies_of(cache.device, partial(_render, there, camera, light, asked, frames))
-        _render(here, camera, light, asked, frames)
-        truth = _found_of(frames[1])
-        for method, frame in zip(("device, host arrays", "cpu"), frames):
-            timing = how.timing(_found_of(frame), [frame.timings["gbuffer"] + frame.timings["trace"]])
-            queries = sum(each["queries"] for each in frame.scheduled or ())
-            case = {**about, "case": f"{kind} {view} {k}", "queries": queries}
-            row = how.row(case, method, timing, frame.rays, truth) | {"paging": frame.paging}
-            yield row | copied if frame is frames[0] else row
-    for scene in scenes:
-        scene.store.close()
+        for method, frames in walks.items():
+            frame, truth = frames[k], walks["cpu"][k].found
+            about = {"scene": path.name, "triangles": place.scene.n_triangles, "device_memory": options.device_memory}
+            about |= {"case": f"{kind} {view} {k}", "queries": frame.queries}
+            yield how.row(about, method, how.timing(frame.found, [frame.seconds]), frame.rays, truth) | frame.copied
 
 
-def _render(renderer: Renderer, camera: Camera, light: Light, asked: dict[str, Any], frames: list[Frame]) -> None:
-    frames.append(renderer.render(camera, [light], **asked))
+class _Seen(NamedTuple):
+    """A frame of a walk."""
+
+    found: np.ndarray  # (n,) uint8: the bits of its shadow rays, the faces that it shows, and its bounced light
+    seconds: float
+    rays: int
+    queries: int
+    copied: dict[str, Any]  # counts of chunks, and of bytes copied to a device and from it
+
+
+def _frames(
+    path: Path, plan: str, cameras: list[Camera], asked: dict[str, Any], options: argparse.Namespace, how: Measures
+) -> Iterator[_Seen]:
+    """The frames of a walk, which begins with nothing in memory; and none of it stays there for the next one."""
+    parsed, limit, scene = parse_plan(plan), MAX_MEMORY, antumbra.load(path)
+    device = None if parsed.device is None else device_tracer(str(parsed.device)).device
+    if device is not None and device.in_host_memory:  # the host has as much as beside a card
+        limit += options.device_memory
+    renderer = Renderer(scene, parsed, how.threads, max_memory=limit)
+    source = cast(Paged, renderer.source)
+    if device is not None:
+        there = source.on_device
+        there.budget = options.device_memory if device.in_host_memory else min(there.budget, options.device_memory)
+    for camera in cameras:
+        frames, copied = list[Frame](), dict[str, Any]()
+        render = partial(_render, renderer, camera, asked, frames)
+        if device is None:
+            render()
+        else:
+            copied |= copies_of(source.on_device.device, render)
+        (frame,) = frames
+        queries = sum(int(each["queries"]) for each in frame.scheduled or ())
+        seconds = frame.timings["gbuffer"] + frame.timings["trace"]
+        yield _Seen(_found_of(frame), seconds, frame.rays, queries, copied | {"paging": frame.paging})
+    if device is not None:
+        source.on_device.close()
+    scene.store.close()
+
+
+def _render(renderer: Renderer, camera: Camera, asked: dict[str, Any], frames: list[Frame]) -> None:
+    frames.append(renderer.render(camera, **asked))
 
 
 def _found_of(frame: Frame) -> np.ndarray:

@@ -11,6 +11,7 @@ import device_build
 import device_surfaces
 from antumbra.trace.device.build_kernels import BUILD_KERNELS
 from antumbra.trace.device.device_kernels import KERNELS
+from antumbra.trace.device.raster_kernels import RASTER_KERNELS
 
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.device(name)) for name in ("host", "opencl")])
@@ -23,16 +24,17 @@ def test_builds_refits_and_frames_of_a_device_are_those_of_the_cpu(name, monkeyp
     timed = [(row["case"], row["method"]) for row in rows if "method" in row]
     assert timed == [
         *(("build", method) for method in ("device", "device, host arrays", "cpu")),
-        *((case, method) for case in ("ploc", "refit", "update", "cull") for method in ("device", "cpu")),
+        *((case, method) for case in ("ploc", "refit", "update", "raster", "cull") for method in ("device", "cpu")),
         ("culled", "device"),
         *(("frame", method) for method in ("device, host arrays", "cpu")),
     ]
     assert all(row["differs"] == 0 for row in rows if "method" in row)
     steps = {row["kernel"]: row for row in rows if row["case"].endswith(" step")}
     at_times = {"begin_roots", "copy_links"}  # of ploc: several roots, and refits
-    at_times |= {"write_pixel_rays", "write_surfaces", "move_receivers"}  # of the part `frame`
+    at_times |= {"draw_parts", "settle_nearest", "mark_rays", "gather_points", "write_numbers"}  # in some pictures
     assert set(device_build.MOVED) - at_times <= set(steps) <= set(device_build.MOVED)
     assert all(row["bytes"] > 0 < row["launches"] for row in steps.values())
+    assert {row["case"] for row in rows if row.get("kernel") == "draw_triangles"} == {"raster step"}
     assert "scatter_keys" in capsys.readouterr().out
 
 
@@ -71,7 +73,7 @@ def test_faces_that_let_light_pass_and_copies_have_the_bits_of_the_cpu(part, mon
 
 
 def test_bytes_are_stated_for_kernels_that_exist():
-    assert set(BUILD_KERNELS) < set(device_build.MOVED) <= set(KERNELS)
+    assert {*BUILD_KERNELS, *RASTER_KERNELS} < set(device_build.MOVED) <= set(KERNELS)
 
 
 def test_waves_move_all_triangles_of_a_scene_of_any_size():

@@ -285,12 +285,15 @@ def _copies_of(chunk: "ResidentChunk | Chunk", slots: np.ndarray) -> TriangleCop
 class RangeMemory:
     """The chunks of a range of faces, numbered from 0 on, in the memory of all chunks.
 
-    residency : Residency, or another memory with its methods `begin_question` and `groups`
+    residency : Residency, or another `PartMemory`
     chunks : slice
     """
 
     def __init__(self, residency: Any, chunks: slice):
         self._residency, self._chunks = residency, chunks
+
+    def __contains__(self, k: int) -> bool:
+        return k + self._chunks.start in self._residency
 
     def begin_question(self) -> None:
         """As `Residency.begin_question`."""

@@ -171,6 +171,49 @@ def test_the_cpu_sees_if_the_device_has_no_room_for_rays(city, what, monkeypatch
     assert refused and "trace_listed" in _launched(renderer)
 
 
+def _refuse_rays(monkeypatch):
+    """Let devices have no room for nearest-hit rays; the sizes refused."""
+    allocate, refused = Device.allocate, []
+
+    def full(self, size, name="an array"):
+        if name == "the nearest hits of rays":
+            refused.append(size)
+            raise OutOfDeviceMemory("full", size, 0)
+        return allocate(self, size, name)
+
+    monkeypatch.setattr(Device, "allocate", full)
+    return refused
+
+
+def test_rays_without_room_are_traced_by_the_cpu_from_then_on(city, monkeypatch):
+    """Whether they are a list, a camera's or passes of bounced light; other rays stay on the device."""
+    scene, path = city
+    refused, stored = _refuse_rays(monkeypatch), at.Engine(at.load(path), plan_on("host"), threads=2)
+    rng = np.random.default_rng(4)
+    origins, directions = rng.uniform((-40, 0.2, -40), (40, 25, 40), (300, 3)), rng.normal(size=(300, 3))
+    for _ in range(2):
+        np.testing.assert_array_equal(
+            stored.closest_hit(origins, directions).face, scene.closest_hit(origins, directions).face
+        )
+        assert len(refused) == 1
+    assert not stored.source.see_on_cpu()  # it does already
+    renderer, inside, camera = _renderer(path, "host"), Renderer(scene, "bsah+single", 2), _walk(scene)[1]
+    for _ in range(2):
+        _same(*(each.render(camera, [LIGHT], spp=4, bounce=2) for each in (renderer, inside)))
+        assert len(refused) == 2
+    assert "trace_listed" in _launched(renderer)
+
+
+def test_the_cpu_sees_in_all_ranges_once_it_does_in_one(city, tmp_path, monkeypatch):
+    scene, _ = city
+    at.build_store(scene, tmp_path / "all.tiles", chunk=512, tile=scene.n_triangles // 4)
+    monkeypatch.setattr(tiled_store, "MAX_TRIANGLES", 2 * scene.n_triangles // 3)
+    source = _renderer(tmp_path / "all.tiles", "host").source
+    assert source.on_device is not None and len(source._ranges) == 2
+    source._ranges[0][1].see_here()
+    assert source.see_on_cpu() and not source.see_on_cpu()
+
+
 @ON_DEVICE
 def test_counters_count_the_rays(city, device):
     scene, path = city

@@ -8,6 +8,7 @@ from antumbra.bvh.block_tree import block_tree
 from antumbra.bvh.compact_tree import compact, expand, expanded_bytes
 from antumbra.bvh.nodes import aligned_empty
 from antumbra.devices.device import OutOfDeviceMemory
+from antumbra.techniques.chcrt import device_residency
 from antumbra.techniques.chcrt.device_residency import DeviceResidency
 from antumbra.trace.device.part_trees import part_bvh
 from bvh_scenes import scattered
@@ -25,13 +26,17 @@ class HostParts:
     """Parts that come to the memory of the host in groups of five, if they are still needed."""
 
     def __init__(self):
-        self.brought, self.questions, self.marks = [], 0, set()
+        self.brought, self.questions, self.marks, self.held, self.asked = [], 0, set(), set(), []
+
+    def __contains__(self, k):
+        return k in self.held
 
     def begin_question(self):
         self.questions += 1
 
     def groups(self, parts, still, mark):
         self.marks.add(mark)
+        self.asked.append(parts.tolist())
         for first in range(0, len(parts), 5):
             group = parts[first : first + 5]
             group = group[still(group)]
@@ -49,6 +54,7 @@ def cache():
     one.close()
     there = DeviceResidency(opened("host"), host, lambda k: tree, PARTS, ROOM * size)
     host.brought.clear()
+    host.asked.clear()
     there.host = host
     yield there
     there.close()
@@ -94,6 +100,14 @@ def test_parts_that_nothing_needs_any_more_are_not_uploaded(cache):
     assert cache.traffic.uploaded == 2
     cache.begin_question()
     assert cache.host.questions == 1
+
+
+def test_few_parts_are_read_ahead_after_those_in_the_memory_of_the_host(cache, monkeypatch):
+    monkeypatch.setattr(device_residency, "_AHEAD", 3)
+    cache.host.held = {6, 9}
+    groups = _asked(cache, list(range(10)), lambda parts: ~np.isin(parts, [4, 7, 8]))
+    assert cache.host.asked == [[6, 9, 0, 1, 2], [3, 5]]
+    assert [k for group in groups for k in group] == [6, 9, 0, 1, 2, 3, 5]
 
 
 def test_a_lower_limit_holds_from_the_next_frame_on(cache):

@@ -9,6 +9,7 @@ from antumbra.bvh.wide_bvh import widen
 from antumbra.query.ray_list import RayArguments, hit_arrays
 from antumbra.query.shadow_query import CULL_FACES
 from antumbra.trace.device.device_stages import CAPACITIES, Capacities
+from antumbra.trace.device.device_traversal import COUNTS, REST
 from antumbra.trace.device.nearest_list_tracer import RayGrid, RayVectors, TiledRays
 from antumbra.trace.device.part_trees import part_tree
 from antumbra.trace.device.tree_list_tracer import TiledTracer, TreeLists
@@ -127,6 +128,35 @@ def _truth(origins, directions, skip, spans, moving, cull):
     rays, out = RayArguments(*wide, tmin, tmax, skip, (n,), cull, False, (0.0, 0.0, 0.0)), hit_arrays(n, False)
     assert RayTracer(widen(WHOLE, 1)).trace(rays, False, out, 1)
     return out.face, out.t
+
+
+def test_the_count_of_undecided_tests_is_at_most_one_per_ray_beyond_the_list(device, monkeypatch):
+    """Each ray meets a corner of many equal triangles; counted without an end, their tests would wrap an int32."""
+    n, copies, capacity = 64, 300, 4
+    corner, towards = np.array([0.5, 0.25, 0.75], np.float32), np.array([-1.0, -2.0, -3.0], np.float32)
+    vertices = np.repeat(np.array([[corner, [1.5, 0.3, 0.1], [0.2, 1.3, 0.4]]], np.float32), copies, 0)
+    bvh = binned_sah.build(vertices, 1)
+    tracer, hits, counts = TiledTracer(device, Capacities(16, 8, capacity)), no_hits((1, n)), []
+    launch = tracer.launches.launch
+
+    def counted(name, arguments, threads):
+        launch(name, arguments, threads)
+        if name == "find_listed":
+            work = arguments[2]
+            left = int(tracer.launches.block("counts", 0, "").read(np.empty(COUNTS, np.int32))[REST])
+            counts.append((left, work.rest_capacity, work.n))
+
+    monkeypatch.setattr(tracer.launches, "launch", counted)
+    origins, directions = np.tile(corner - towards, (n, 1)), np.tile(towards, (n, 1))
+    vectors = RayVectors(origins, directions, np.full(n, -1, np.int32), np.array([[0.0, np.inf]]), 0)
+    tree = part_tree(bvh, device)
+    rays = TiledRays(tracer, RayGrid(n, 1, (1, n), slice(0, 1)), vectors, hits)
+    lists = TreeLists(tree.row[None], np.array([0, 1], np.int32), np.zeros(1, np.int32), 1)
+    rays.trace_nearest(np.zeros(1, np.int32), lists, np.zeros(1, np.int32), 2)
+    assert max(left for left, _, _ in counts) > capacity
+    assert all(left <= room + rays for left, room, rays in counts)
+    assert tracer.on_cpu >= n * copies // 2
+    assert (hits.face == 0).all() and (hits.t == 1.0).all()  # of equal hits, the first face
 
 
 def test_memory_is_freed_with_the_rays(device):

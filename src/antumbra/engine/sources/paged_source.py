@@ -46,7 +46,7 @@ from ...trace.rays.local_rays import local_pass, local_rays
 from ...trace.rays.ray_hits import hit_surfaces
 from ...trace.tree_list import Hits
 from ..accelerator import Accelerated, Accelerator, SceneTrees
-from ..device_tracers import device_tracer, free_blocks
+from ..device_tracers import device_tracer
 from ..plan import Plan
 from ..precompilation import precompile
 from ..primary_visibility import RAYS
@@ -641,23 +641,15 @@ class Paged:
         return next(self.nearest([rays], shape))
 
     def see_on_cpu(self) -> bool:
-        if not self._sees_there:
-            return False
-        for _, state in self._ranges:
-            assert state.on_device is not None
-            state.sees_on_device = False
-            free_blocks(state.on_device.tracer)
-        return True
-
-    @property
-    def _sees_there(self) -> bool:
-        """Whether a device finds nearest hits."""
-        return all(state.on_device is not None and state.sees_on_device for _, state in self._ranges)
+        seeing = [state for _, state in self._ranges if state.sees_on_device]
+        for state in seeing:
+            state.see_here()
+        return bool(seeing)
 
     @property
     def _seen_on(self) -> str | None:
-        """The device that finds nearest hits; None: the CPU finds them."""
-        return self._device if self._sees_there else None
+        """The device that finds nearest hits; None: the CPU finds them, at least in some ranges."""
+        return self._device if all(state.sees_on_device for _, state in self._ranges) else None
 
     def hit_triangles(self, hits: Sequence[Hits], threads: int) -> tuple[Triangles, list[np.ndarray]]:
         """Copies of the triangles that rays hit, each once, and for each of `hits` their (h, w) int32 indices, or -1.

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from functools import partial
 from threading import Lock
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,8 @@ if TYPE_CHECKING:
 _Call: TypeAlias = tuple[int, tuple[int, ...], int, bool]
 """A call of a frame: its number, the image's shape, the number of ray sets, and whether they are traced here."""
 
+_Sets = TypeVar("_Sets")
+
 _UNUSED_FRAMES = 8  # fronts that no call has used for this many frames are evicted
 
 
@@ -56,13 +58,13 @@ class ChcRtState(TracerState):
     on_device : OnDeviceParts or None
         Where shadow segments and nearest-hit rays are traced, through parts in the memory of a device; None: here.
     sees_on_device : bool
-        False: nearest-hit rays are traced here all the same, since the device has too little memory.
+        Whether nearest-hit rays are traced there, too. False: see `see_here`.
     """
 
     def __init__(self, parts: TreeParts, options: ChcRtOptions):
         self.parts, self.options, self.room = parts, options, 0
         self.on_device: OnDeviceParts | None = None
-        self.sees_on_device = True
+        self._see_here = False
         self._fronts: dict[_Call, tuple[int, Fronts]] = {}  # with the last frame of each
         self._frame, self._lock = 0, Lock()
         self.begin()
@@ -72,6 +74,16 @@ class ChcRtState(TracerState):
         self._frame += 1
         self._fronts = {key: entry for key, entry in self._fronts.items() if entry[0] >= self._frame - _UNUSED_FRAMES}
         self._calls, self.statistics = 0, list[dict[str, float]]()
+
+    @property
+    def sees_on_device(self) -> bool:
+        return self.on_device is not None and not self._see_here
+
+    def see_here(self) -> None:
+        """Trace nearest-hit rays here from now on, since the device has too little memory for them."""
+        self._see_here = True
+        if self.on_device is not None:
+            self.on_device.free_blocks()
 
     def run(
         self, rays: RaySets | CombinedRaySets, shape: tuple[int, ...], progress: ProgressCallback | None = None
@@ -233,22 +245,22 @@ def nearest_hits(
 
 
 def _pass_sets(scheduled: ChcRtState, rays: Sequence[PassRays], threads: int) -> list[PassRaySet]:
-    """Ray sets on the device; here if there is none, or if it has no room for rays or finds no nearest hits."""
-    there, options = scheduled.on_device, scheduled.options
-    if there is not None and scheduled.sees_on_device and not any(each.any_hit for each in rays):
-        with suppress(OutOfDeviceMemory):
-            return [there.passes(options, each, threads) for each in rays]
-    return [PassRaySet(scheduled.parts, options, each, threads) for each in rays]
+    """Ray sets of passes, as from `_where_they_fit`; any-hit rays are traced here."""
+    options, any_hit = scheduled.options, any(each.any_hit for each in rays)
+    here = lambda: [PassRaySet(scheduled.parts, options, each, threads) for each in rays]
+    there = lambda device: [device.passes(options, each, threads) for each in rays]
+    return here() if any_hit else _where_they_fit(scheduled, there, here)
 
 
-def _camera_set(scheduled: ChcRtState, rays: CameraRays, rows: slice, reach: float, threads: int) -> CameraRaySet:
-    """The ray set of a camera, as `_pass_sets`."""
-    there, options = scheduled.on_device, scheduled.options
-    if there is not None and scheduled.sees_on_device:
+def _where_they_fit(
+    scheduled: ChcRtState, there: "Callable[[OnDeviceParts], _Sets]", here: Callable[[], _Sets]
+) -> _Sets:
+    """Ray sets of nearest-hit rays on the device; here if there is none, and from the first ones on that do not fit."""
+    if scheduled.on_device is not None and scheduled.sees_on_device:
         with suppress(OutOfDeviceMemory):
-            return there.camera(options, rays, rows, reach, threads)
-        scheduled.sees_on_device = False
-    return CameraRaySet(scheduled.parts, options, rays, rows, reach, threads)
+            return there(scheduled.on_device)
+        scheduled.see_here()
+    return here()
 
 
 def ray_hits(
@@ -300,7 +312,10 @@ def camera_hits(
     """
     reach = reach_inside(scheduled.parts, rays.origin, rays.origin)
     rows = rows or slice(0, rays.height)
-    view = _camera_set(scheduled, rays, rows, reach, thread_count(threads))
+    arguments = scheduled.options, rays, rows, reach, thread_count(threads)
+    view = _where_they_fit(
+        scheduled, lambda device: device.camera(*arguments), lambda: CameraRaySet(scheduled.parts, *arguments)
+    )
     scheduled.run(view, (rays.height, rays.width), progress)
     if signed:
         view.sign()

@@ -43,6 +43,11 @@ class OnDeviceParts(NamedTuple):
         """The ray set of a camera. OutOfDeviceMemory if it does not fit."""
         return DeviceCameraSet(self, options, camera, rows, reach, threads)
 
+    def free_blocks(self) -> None:
+        """Free what the device keeps for further calls besides parts."""
+        with self.tracer.lock:
+            self.tracer.launches.free_blocks()
+
     def tree_lists(self, lists: Lists, sets: int) -> tuple[TreeLists, NDArray[np.int32]]:
         """Lists of parts as lists of trees on the device, and the part that each row of their table is."""
         rows, items = np.unique(lists.items, return_inverse=True)

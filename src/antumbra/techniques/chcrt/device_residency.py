@@ -6,7 +6,7 @@ evicted first.
 """
 
 from collections import OrderedDict
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import closing
 from typing import NamedTuple
 
@@ -24,6 +24,7 @@ from ...trace.device.tree_list_kernels import TREE_WORDS
 from .tree_parts import Mark, PartMemory
 
 _PORTION = 16  # parts uploaded and traced together: segments that they block need none of the parts behind
+_AHEAD = 4 * _PORTION  # parts that are read, at most, before rays have been traced through those in front of them
 
 
 class DeviceTraffic(NamedTuple):
@@ -84,7 +85,6 @@ class DeviceResidency:
             If a part exceeds the budget, or the device has no room for it.
         """
         here = np.array([k for k in parts.tolist() if k in self._parts], np.int64)
-        missing = np.array([k for k in parts.tolist() if k not in self._parts], np.int32)
         self._count(wanted=len(parts), kept=len(here))
         try:
             if len(here):
@@ -92,14 +92,30 @@ class DeviceResidency:
                 yield here
                 for k in here.tolist():
                     self._parts.move_to_end(k)
-            if len(missing):
-                with closing(self._host.groups(missing, still, mark)) as groups:
+            for some in self._next_missing(parts):
+                needed = some[still(some)].astype(np.int32)
+                if not len(needed):
+                    continue
+                with closing(self._host.groups(needed, still, mark)) as groups:
                     for group in groups:
                         for first in range(0, len(group), _PORTION):
                             portion = np.asarray(group[first : first + _PORTION], np.int64)
                             yield from self._uploaded(portion[still(portion)])
         finally:
             self._pinned = set()
+
+    def _next_missing(self, parts: NDArray[np.int32]) -> Iterator[NDArray[np.int64]]:
+        """Yield the parts that are not on the device, a few at a time: first those in the memory of the host.
+
+        The host reads as far ahead as its memory allows, so with all parts at a time, it would read most of them
+        before rays have been traced through the first ones: in a street, four times as many as are uploaded.
+        """
+        missing = [k for k in parts.tolist() if k not in self._parts]
+        ordered = np.array(sorted(missing, key=lambda k: k not in self._host), np.int64)
+        first, end = 0, sum(k in self._host for k in missing) + _AHEAD
+        while first < len(ordered):
+            yield ordered[first:end]
+            first, end = end, end + _AHEAD
 
     def trim(self) -> None:
         """Evict parts until the rest fit in the budget."""

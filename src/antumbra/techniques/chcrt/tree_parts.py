@@ -34,6 +34,10 @@ Mark: TypeAlias = Callable[[NDArray[np.int64], NDArray[np.uint8]], None]
 class PartMemory(Protocol):
     """Memory for the trees of some parts at a time."""
 
+    def __contains__(self, k: int) -> bool:
+        """Whether a part is in memory."""
+        ...
+
     def begin_question(self) -> None:
         """Start a tracing call: discard what was kept for the previous one."""
         ...

@@ -2,7 +2,8 @@
 
 One thread takes a ray through the trees of a list, from its nearest hit of earlier launches on. A test that float32
 does not exclude is decided in float64 at once, and hits are ordered by their exact t. A test that float64 leaves
-undecided becomes a record (`device_kernels`) with the triangle's index and corners; the ray goes on without it.
+undecided becomes a record (`device_kernels`) with the triangle's index and corners; the ray goes on without it. A ray
+that finds the list of records full stops, and is traced again later; so the list's count never wraps.
 """
 
 from typing import NamedTuple
@@ -15,7 +16,7 @@ from ...kernels.jit import F32Ptr, F64Ptr, I32Ptr, inlined, kernel, overload
 from ...kernels.simd import f32_at, f64_at, get, i32_at, put, stack_f32, stack_f64, stack_i32
 from ...kernels.toolchain.device_code import DeviceKernel
 from .device_kernels import RAYS, RECORD, WORK, add_kernels, copy_corners, exact_t, picture_t, put_record, side_of_hit
-from .device_rays import TRACED, RayBuffers, pixel_in_tile, place_in_tiles, ray_at
+from .device_rays import AGAIN, TRACED, RayBuffers, pixel_in_tile, place_in_tiles, ray_at
 from .device_traversal import GO_ON, REST, WON, TreeBuffers, Work, visit, walk_candidates
 from .tree_list_kernels import CORNERS, TreeListBuffers, tree_at
 
@@ -70,15 +71,16 @@ class _NearestListed(NamedTuple):
 
 @inlined
 def _leave(visitor, ray, slot, prim):
-    """Leave a test to the CPU: a record, if there is room."""
+    """Leave a test to the CPU, as a record; AGAIN if there is no room."""
     work = visitor.work
     at = np.int64(atomic_add(i32_at(work.counts), REST, 1))
     if at >= work.rest_capacity:
-        return
+        return np.int64(AGAIN)
     put_record(work, at, visitor.ray, slot, visitor.item, ray)
     put(i32_at(work.rest), 2 * RECORD * at + 3, prim)
     for k in range(CORNERS):
         put(f32_at(visitor.tests), CORNERS * at + k, get(visitor.corners, k))
+    return np.int64(GO_ON)
 
 
 @inlined
@@ -89,8 +91,7 @@ def _visit_listed(visitor, r, slot, prim):
         return GO_ON
     t = UNKNOWN if side == UNSURE else exact_t(r.ray, visitor.corners)
     if t == UNKNOWN:
-        _leave(visitor, r.ray, slot, prim)
-        return GO_ON
+        return _leave(visitor, r.ray, slot, prim)
     signed = t if side < 0 else -t
     if precedes(signed, prim, get(visitor.t, 0), np.int64(get(visitor.best, _FACE))):
         put(visitor.t, 0, signed)
@@ -149,7 +150,8 @@ def find_listed(lists, tiled, work):  # lists: TreeListBuffers, tiled: ListedRay
     for item in range(get(i32_at(lists.starts), tile), get(i32_at(lists.starts), tile + 1)):
         tree = tree_at(lists, np.int64(item))
         visitor = _NearestListed(tree, work, i, np.int64(item), lists.corners, limit, corners, t, best)
-        walk_candidates(tree, r, visitor)
+        if walk_candidates(tree, r, visitor) != GO_ON:
+            break
     if get(best, _ITEM) >= 0:
         _keep(tiled, work, i, t, best)
 

@@ -131,7 +131,7 @@ class TiledRays:
                 left = int(counted[REST])
                 if left > work.rest_capacity:  # the hits so far stay
                     at_once = max(work.n // 2, 1)
-                    tracer.widen_records(left if work.n == 1 else 0)
+                    tracer.widen_records(2 * work.rest_capacity if work.n == 1 else 0)
                     continue
                 if left:
                     self._decide(left, parts, threads)
