@@ -153,7 +153,8 @@ def test_the_process_ends_cleanly(tmp_path):
     assert process.returncode == 0 and out == "" and "Traceback" not in err and "rror" not in err
 
 
-def test_the_page_names_the_scene_as_the_command_did(cli, interrupted, monkeypatch):
+def test_the_page_names_the_scene_as_the_command_did(cli, interrupted, monkeypatch, tmp_path):
     Opened(monkeypatch)
-    told = cli("view", SCENE, "--port", "0", "--no-browser", "--unit", "ft", "--up", "y")
-    assert told.code == 0 and interrupted[0][0]._model.source == f"'{SCENE}' --unit=ft --up=y"
+    (tmp_path / "a triangle.obj").write_text("v 0 0 0\nv 60 0 0\nv 0 40 10\nf 1 2 3\n")
+    told = cli("view", "a triangle.obj", "--port", "0", "--no-browser", "--unit", "ft", "--up", "z")
+    assert told.code == 0 and interrupted[0][0]._model.source == "'a triangle.obj' --unit=ft --up=z"

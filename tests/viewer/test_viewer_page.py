@@ -40,7 +40,7 @@ def page(chromium, viewer):
 
 def pixels(page):
     """(h, w, 3) int of the page."""
-    return np.asarray(Image.open(io.BytesIO(page.screenshot())).convert("RGB")).astype(int)
+    return np.asarray(Image.open(io.BytesIO(page.screenshot(timeout=1000 * WAIT))).convert("RGB")).astype(int)
 
 
 def shown(page, condition):
