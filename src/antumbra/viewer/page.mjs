@@ -6,8 +6,9 @@ const HEAD = '[style*="user-select: none"][style*="height: 3.5em"]:not([data-pan
 
 /** Controls that viser leaves without a name; each stands in a row that begins with its label. */
 const NAMELESS = [".mantine-Slider-thumb", ".mantine-Input-input", ".mantine-Checkbox-input"]
-  .map((control) => `${control}:not([aria-label])`)
+  .map((control) => `${control}:is(:not([aria-label]), [aria-label=""])`)
   .join();
+const ICONS = { ".mantine-Notification-closeButton": "Close", ".mantine-ActionIcon-root": "Settings of the page" };
 const LABEL = '.mantine-Text-root[style*="font-weight: 450"]';
 
 const KEYS = [
@@ -71,7 +72,10 @@ function name() {
   for (const control of document.querySelectorAll(NAMELESS)) {
     let row = control.parentElement;
     while (row && !row.querySelector(LABEL)) row = row.parentElement;
-    control.ariaLabel = row?.querySelector(LABEL).textContent ?? "";
+    if (row) control.ariaLabel = row.querySelector(LABEL).textContent;
+  }
+  for (const [icon, label] of Object.entries(ICONS)) {
+    for (const button of document.querySelectorAll(`${icon}:not([aria-label])`)) button.ariaLabel = label;
   }
 }
 

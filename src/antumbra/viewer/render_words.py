@@ -57,7 +57,10 @@ def _is_white(light: Light) -> bool:
 
 
 def _point(values: Iterable[float]) -> str:
-    return ",".join(map(_number, values))
+    """Three numbers; those that are only rounding errors beside the others become 0."""
+    numbers = [float(value) for value in values]
+    least = 1e-12 * max(map(abs, numbers))
+    return ",".join(_number(number if abs(number) > least else 0.0) for number in numbers)
 
 
 def _number(value: float) -> str:
