@@ -38,6 +38,7 @@ const ACTIONS = {
 /** Zoom in (-1) or out (1), as one notch of a wheel does. */
 function zoom(sign) {
   const canvas = document.querySelector("canvas[data-engine]");
+  if (!canvas) return;
   const { left, top, width, height } = canvas.getBoundingClientRect();
   const middle = { clientX: left + width / 2, clientY: top + height / 2 };
   canvas.dispatchEvent(new WheelEvent("wheel", { deltaY: 240 * sign, bubbles: true, cancelable: true, ...middle }));
