@@ -34,8 +34,7 @@ class Controls:
     """
 
     def __init__(self, page: Any):
-        self._page, self._gui = page, page.server.gui
-        self._model: Model = page.model
+        self._page, self._model, self._gui = page, page.model, page.server.gui
         self._sun: Any = None  # the folder of its controls
         self._boxes: dict[str, Any] = {}  # of the lights
         self._commands: dict[int, Any] = {}  # browser -> the command that it copied
