@@ -120,3 +120,24 @@ def test_runs_one_after_the_other():
     for done in (5, 10, 1, 10):
         report(done, 10)
     assert calls == [(25, 60), (30, 60), (31, 60), (40, 60)]
+
+
+def test_an_interruption_ends_long_work_between_its_steps():
+    class Stop(Exception):
+        pass
+
+    calls = []
+
+    def check():
+        calls.append(len(calls))
+        if len(calls) == 2:
+            raise Stop
+
+    clock = progress.PhaseClock("a", "b")
+    progress.check_interruption()  # nobody interrupts
+    with pytest.raises(Stop), progress.interrupted_by(check):
+        clock.lap("a")
+        clock.lap("b")
+    assert calls == [0, 1] and clock.seconds["b"] == 0.0
+    clock.lap("b")
+    assert calls == [0, 1]

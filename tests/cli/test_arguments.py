@@ -253,3 +253,12 @@ def test_an_added_kind_of_light_is_understood_and_explained(monkeypatch):
         arguments.parse_light("lamp:1:2:3")
     with pytest.raises(at.InputError, match=r"unknown kind 'lam'; write one of point:.* lamp:X\[:HEIGHT\]"):
         arguments.parse_light("lam:1")
+
+
+def test_daylight_is_a_sky_that_joins_other_lights(floor):
+    sun = arguments.parse_light("sun:0,-1,0.5")
+    lights = arguments.make_picture_lights([sun], arguments.parse_sky("Daylight"), floor, 0.0)
+    assert lights[0] is sun and repr(lights[1:]) == repr([at.Sky(up=floor.up)])
+    (sky,) = arguments.make_picture_lights([], arguments.parse_sky("daylight"), floor, 0.0)
+    assert repr(sky) == repr(lights[1])
+    assert arguments.make_picture_lights([sun], arguments.parse_sky("none"), floor, 0.0) == [sun]

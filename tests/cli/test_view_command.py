@@ -23,6 +23,13 @@ def _viser():
     pytest.importorskip("viser", reason="no viser: antumbra view is NOT tested")
 
 
+def picture():
+    """A stand-in for the first picture."""
+    from antumbra.viewer.progressive_pictures import HAZE, Step, TracedPicture
+
+    return TracedPicture(HAZE, Step(4, 4), 0.1, 1)
+
+
 class Opened:
     """What a browser was asked to open, instead of opening one."""
 
@@ -81,7 +88,7 @@ def test_options_reach_the_page(cli, interrupted, monkeypatch):
     made = []
     from antumbra.viewer import viewer_page
 
-    monkeypatch.setattr(viewer_page, "prepare", lambda model: made.append(model))
+    monkeypatch.setattr(viewer_page, "prepare", lambda model: made.append(model) or picture())
     position = "--latitude", "52", "--longitude", "4.4", "--timezone", "+01:00"
     told = cli("view", SCENE, "--port", "0", "--no-browser", "--quiet", "--sky", "white", "--plan", "bsah+wide",
                "--camera=0,2,5:0,1,0:40", *position)  # fmt: skip
@@ -97,7 +104,7 @@ def test_a_page_is_traced_on_a_device(cli, interrupted, monkeypatch):
     made = []
     from antumbra.viewer import viewer_page
 
-    monkeypatch.setattr(viewer_page, "prepare", lambda model: made.append(model))
+    monkeypatch.setattr(viewer_page, "prepare", lambda model: made.append(model) or picture())
     assert cli("view", SCENE, "--port", "0", "--no-browser", "--quiet", "--device", "host").code == 0
     assert str(made[0].renderer.plan) == "bsah+device:host:0"
 
@@ -144,3 +151,10 @@ def test_the_process_ends_cleanly(tmp_path):
         finally:
             process.kill()  # otherwise the test would wait for a process that Ctrl-C does not end
     assert process.returncode == 0 and out == "" and "Traceback" not in err and "rror" not in err
+
+
+def test_the_page_names_the_scene_as_the_command_did(cli, interrupted, monkeypatch, tmp_path):
+    Opened(monkeypatch)
+    (tmp_path / "a triangle.obj").write_text("v 0 0 0\nv 60 0 0\nv 0 40 10\nf 1 2 3\n")
+    told = cli("view", "a triangle.obj", "--port", "0", "--no-browser", "--unit", "ft", "--up", "z")
+    assert told.code == 0 and interrupted[0][0]._model.source == "'a triangle.obj' --unit=ft --up=z"

@@ -53,21 +53,21 @@ def test_the_other_side_of_a_surface_is_asked_if_one_looks_at_it(model):
 
 def test_beside_the_scene_there_is_nothing(model):
     assert probe(model, np.array([0.0, 9.0, 0.0]), -DOWN) is None
-    assert "Click or tap a surface" in describe_point(None)
+    assert "Click or tap a surface" in describe_point(None, model)
 
 
 def test_the_panel_names_lights_and_blockers(model):
     found = probe(model, np.array([0.0, 9.0, -1.2]), DOWN)
-    text = describe_point(found)
+    text = describe_point(found, model)
     for word in "sun", "Sky", "lamp", "0 % of 256", f"behind face {found.sights[0].blocker.index}", "box &amp; floor":
         assert word in text, word
-    assert "<td>visible</td>" in describe_point(probe(model, np.array([0.0, 9.0, 4.0]), DOWN))
+    assert "<td>visible</td>" in describe_point(probe(model, np.array([0.0, 9.0, 4.0]), DOWN), model)
 
 
 def test_the_panel_gives_the_sky_the_share_of_its_sentence(model):
     found = probe(model, np.array([0.0, 9.0, 4.0]), DOWN)
     (sky,) = (sight for sight in found.sights if sight.name == "Sky")
-    text, share = describe_point(found), 100.0 * found.sky
+    text, share = describe_point(found, model), 100.0 * found.sky
     assert sky.share == found.sky and f"Sees {share:.0f} % of the sky" in text and f"{share:.3g} % of 256" in text
 
 
@@ -83,15 +83,17 @@ def test_lines_end_at_lights_and_blockers(model):
 
 def test_the_answer_begins_with_a_sentence(model):
     shaded = probe(model, np.array([0.0, 9.0, -1.2]), DOWN)
-    assert re.search(r"In the shade of box &amp; floor\. Sees \d+ % of the sky\.", describe_point(shaded))
+    assert re.search(r"In the shade of box &amp; floor\. Sees \d+ % of the sky\.", describe_point(shaded, model))
     lit = probe(model, np.array([0.0, 9.0, 4.0]), DOWN)
-    assert "In the sun. Sees " in describe_point(lit) and 0.9 < lit.sky < 1.0
+    assert "In the sun. Sees " in describe_point(lit, model) and 0.9 < lit.sky < 1.0
     away = probe(model, np.array([0.0, 1.0, -9.0]), np.array([0.0, 0.0, 1.0]))
-    assert "Faces away from the sun. " in describe_point(away) and 0.3 < away.sky < 0.55  # a wall sees half of the sky
+    assert (
+        "Faces away from the sun. " in describe_point(away, model) and 0.3 < away.sky < 0.55
+    )  # a wall sees half of the sky
     roof = probe(model, np.array([0.0, 9.0, 0.0]), DOWN)
     assert roof is None or roof.sky == 1.0
     model.switch("sun", False)
-    assert describe_point(probe(model, np.array([0.0, 9.0, 4.0]), DOWN)).count("sun") == 0
+    assert describe_point(probe(model, np.array([0.0, 9.0, 4.0]), DOWN), model).count("sun") == 0
 
 
 def test_points_on_a_free_floor_see_the_whole_sky():

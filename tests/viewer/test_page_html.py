@@ -45,3 +45,9 @@ def test_other_files_remain():
 def test_the_icon_is_one_address():
     assert ICON_ADDRESS.startswith("data:image/svg+xml,") and not set(ICON_ADDRESS) & set('"#<>\n')
     assert (ROOT / "docs/_static/logo.svg").is_file()
+
+
+def test_the_page_shows_a_still_until_there_is_a_picture():
+    headers = {"Content-Type": "text/html"}
+    first, second = (with_our_look(answer(PAGE, **headers), still).body.decode() for still in (b"\x89PNG", b""))
+    assert "--still:url(data:image/png;base64,iVBORw==)" in first and "data:image/png" not in second

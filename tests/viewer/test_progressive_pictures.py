@@ -1,12 +1,13 @@
 """Traced pictures of a page."""
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.picture.image_files import screen_picture
+from antumbra.picture.image_files import frame_exposure, screen_picture
 from antumbra.picture.render_options import EngineOptions
 from antumbra.viewer.progressive_pictures import (
     MOST_PIXELS,
@@ -17,7 +18,7 @@ from antumbra.viewer.progressive_pictures import (
     trace_picture,
     with_quality,
 )
-from antumbra.viewer.viewer_model import BOX_TESTS, LIGHT_SHARE, Model
+from antumbra.viewer.viewer_model import BOX_TESTS, LIGHT_SHARE, Model, metered_exposure
 from pages import CAMERA, SUN, box_on_floor
 
 FINE, SIZE = Step(1, 4), (80, 80)
@@ -118,18 +119,34 @@ def test_work_is_shown_with_a_legend(model, camera):
         trace_picture(model, camera, FINE)
 
 
-def test_the_exposure_stays_until_the_user_changes_it(model, camera):
+def test_the_exposure_is_steady_until_the_light_changes_much(model, camera):
     trace_picture(model, camera, FINE)
     first = model.exposure
-    model.aim_sun(180.0, 5.0)
+    model.aim_sun(170.0, 44.0)
     trace_picture(model, camera, FINE)
     assert model.exposure == first
+    trace_picture(model, at.Camera((0.0, 3.0, 40.0), (0.0, 3.0, 0.0), width=40, height=40), FINE)
+    assert model.exposure == first  # that of the scene, not of the view
     model.display = model.display._replace(stops=1.0)
     assert model.exposure == 2.0 * first
     model.reset_exposure()
     assert model.exposure is None and model.display.stops == 0.0
     trace_picture(model, camera, FINE)
+    first = model.exposure
+    model.aim_sun(170.0, 5.0)
+    trace_picture(model, camera, FINE)
     assert model.exposure > first
+
+
+def test_sunlight_in_a_shady_place_keeps_its_shades():
+    def frame(sun, shade):
+        image = np.concatenate([np.full((40, 3), sun), np.full((360, 3), shade)]).astype(np.float32).reshape(20, 20, 3)
+        return SimpleNamespace(image=image, mask=np.ones((20, 20), bool), ground=None)
+
+    contrast, more, even, dark = frame(10.0, 0.05), frame(10.0, 0.0001), frame(0.6, 0.4), frame(0.0, 0.0)
+    assert metered_exposure(contrast) == pytest.approx(0.16) and frame_exposure(contrast) > 0.17
+    assert metered_exposure(more) >= 0.7 * frame_exposure(more)  # the shade stays visible
+    assert metered_exposure(even) == frame_exposure(even) and metered_exposure(dark) == frame_exposure(dark)
 
 
 def test_coarse_pictures_have_coarse_skies():
@@ -148,3 +165,24 @@ def test_a_picture_can_be_interrupted(model):
     with pytest.raises(Stop):
         trace_picture(model, CAMERA.resized(256, 256), Step(1, 16), check)
     assert trace_picture(model, CAMERA.resized(*SIZE), FINE).image.max() > 0
+
+
+def test_a_picture_can_be_interrupted_after_its_last_ray(model, camera):
+    class Stop(Exception):
+        pass
+
+    calls = []
+
+    def check(*progress):
+        calls.append(progress)
+        if len(calls) == last:
+            raise Stop
+
+    last = 0
+    trace_picture(model, camera, PICTURE_STEPS[-1], check)
+    passes = [k for k, progress in enumerate(calls, 1) if not progress]
+    assert len(passes) > 5 and any(calls[: passes[-1]])  # tracing reports its progress, too
+    last = passes[-1]
+    calls.clear()
+    with pytest.raises(Stop):
+        trace_picture(model, camera, PICTURE_STEPS[-1], check)

@@ -9,6 +9,7 @@ import pytest
 from PIL import Image
 
 import antumbra as at
+from antumbra.viewer.render_words import render_command
 from antumbra.viewer.viewer_page import checked_port
 from pages import CAMERA, SUN, box_on_floor, headless
 
@@ -26,6 +27,7 @@ def chromium():
 @pytest.fixture
 def viewer(chromium):
     with at.view(box_on_floor(), SUN, camera=CAMERA, port=0, browser=False) as made:
+        made._page.guard.still = b""  # the scene is seen once the page works
         yield made
 
 
@@ -39,7 +41,7 @@ def page(chromium, viewer):
 
 def pixels(page):
     """(h, w, 3) int of the page."""
-    return np.asarray(Image.open(io.BytesIO(page.screenshot())).convert("RGB")).astype(int)
+    return np.asarray(Image.open(io.BytesIO(page.screenshot(timeout=1000 * WAIT))).convert("RGB")).astype(int)
 
 
 def shown(page, condition):
@@ -128,6 +130,7 @@ def test_beside_the_panel_the_whole_canvas_is_the_scene(page):
 
 def test_a_page_for_other_machines_works_with_its_token(chromium):
     with at.view(box_on_floor(), SUN, camera=CAMERA, host="0.0.0.0", port=0, browser=False) as viewer:
+        viewer._page.guard.still = b""
         opened = chromium.new_page(viewport=SIZE)
         opened.goto(viewer.url)
         shown(opened, lambda p: red(p, *MIDDLE))
@@ -159,6 +162,47 @@ def test_turning_shows_the_stand_in_and_then_the_picture(page):
     turned = shown(page, lambda p: (np.abs(p - rest).max(2) > 30).mean() > 0.05)
     reds = (turned[..., 0] > 2 * turned[..., 1]) & (turned[..., 0] > 60)
     assert reds.sum() > 500  # the box is still there
+
+
+def test_keys_zoom_reset_and_list_themselves_and_all_controls_have_names(page):
+    complaints = []
+    page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
+    shown(page, lambda p: red(p, *MIDDLE))
+    reds = lambda p: ((p[..., 0] > 2 * p[..., 1]) & (p[..., 0] > 60)).sum()
+    size = reds(pixels(page))
+    for _ in range(3):
+        page.keyboard.press("-")
+    shown(page, lambda p: 100 < reds(p) < 0.8 * size)
+    page.keyboard.press("r")
+    shown(page, lambda p: reds(p) > 0.95 * size)
+    page.keyboard.press("+")
+    shown(page, lambda p: reds(p) > 1.1 * size)
+    page.keyboard.press("?")
+    assert page.get_by_role("dialog", name="Keyboard shortcuts").get_by_text("reset the view").is_visible()
+    page.keyboard.press("Escape")
+    assert not page.get_by_role("dialog", name="Keyboard shortcuts").is_visible()
+    for name in "Bearing", "Elevation", "Exposure":
+        assert page.get_by_role("slider", name=name).count() == 1
+    nameless = "button, input:not([type=hidden]), [role=slider], [role=button]"
+    named = "e => [...e.labels ?? []].length || e.ariaLabel || e.textContent.trim() || e.closest('[aria-hidden=true]')"
+    found = page.locator(nameless).evaluate_all(f"all => all.filter(e => !({named})(e)).map(e => e.outerHTML)")
+    assert not found and not complaints
+
+
+def test_the_command_of_a_view_is_copied(page, viewer):
+    page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+    shown(page, lambda p: red(p, *MIDDLE))
+    page.keyboard.press("c")
+    page.get_by_text("Copied the command").wait_for(timeout=1000 * WAIT)
+    command = page.evaluate("navigator.clipboard.readText()")
+    assert command == render_command(viewer._model, viewer.camera) and page.get_by_text(command).count() == 1
+    assert command.startswith("antumbra render 'box & floor' --size ") and " --camera=0,12," in command
+    page.get_by_role("slider", name="Bearing").press("Home")
+    shown(page, lambda p: bright(p, NORTH))
+    page.keyboard.press("c")
+    moved = render_command(viewer._model, viewer.camera)
+    page.get_by_text(moved).wait_for(timeout=1000 * WAIT)
+    assert moved != command and page.locator("code").count() == 1
 
 
 def test_the_viewer_is_a_handle(viewer):

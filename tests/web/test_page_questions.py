@@ -3,6 +3,7 @@
 import json
 import re
 from datetime import datetime
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -238,6 +239,7 @@ def test_a_click_has_the_same_answer_on_a_page_and_in_the_viewer(tmp_path):
     other = own._replace(index=2)
     cases = [(SEEN, None, 1.0), (BLOCKED, tower, 0.0), (BLOCKED, other, 0.0), (BEHIND, own, 0.0), (None, None, 0.0)]
     call = {"call": "sentence", "place": None, "language": "en", "names": ["Tower A"], "sky": 0.372}
+    model = SimpleNamespace(text_of=str)
     calls, shown = [], []
     for state, blocker, share in cases:
         light = {
@@ -248,7 +250,7 @@ def test_a_click_has_the_same_answer_on_a_page_and_in_the_viewer(tmp_path):
         calls.append({**call, **light})
         sun = None if state is None else Sight("sun", share, 16, np.zeros(3), blocker, None)
         probe = Probe(np.zeros(3), np.array([0.0, 0.0, 1.0]), own, [] if sun is None else [sun], 0.372, sun)
-        shown.append(re.findall(r"<div[^>]*>(.*?)<br>", describe_point(probe))[0])
+        shown.append(re.findall(r"<div[^>]*>(.*?)<br>", describe_point(probe, model))[0])
     assert asked(tmp_path, *calls) == shown and len(set(shown)) == len(cases)
     assert shown[0] == "In the sun. Sees 37 % of the sky." and shown[1].startswith("In the shade of Tower A. ")
 

@@ -181,6 +181,25 @@ def clocked_by(clock: Callable[[], float]) -> Iterator[None]:
         _clock.reset(token)
 
 
+_check: ContextVar[Callable[[], object] | None] = ContextVar("check", default=None)
+
+
+@contextmanager
+def interrupted_by(check: Callable[[], object]) -> Iterator[None]:
+    """Within the block, long work calls `check` between its steps, which ends the work by an exception."""
+    token = _check.set(check)
+    try:
+        yield
+    finally:
+        _check.reset(token)
+
+
+def check_interruption() -> None:
+    """Call the function given to `interrupted_by`, if any."""
+    if (check := _check.get()) is not None:
+        check()
+
+
 class PhaseClock:
     """Adds up the seconds of each phase, 0 for `phases` that do not occur."""
 
@@ -189,7 +208,8 @@ class PhaseClock:
         self._start = self._last = clock_seconds()
 
     def lap(self, phase: str) -> None:
-        """Add the time since the last lap to a phase."""
+        """Add the time since the last lap to a phase. An `interrupted_by` may end the work here."""
+        check_interruption()
         now = clock_seconds()
         self.seconds[phase] = self.seconds.get(phase, 0.0) + now - self._last
         self._last = now

@@ -296,15 +296,15 @@ def make_lights(specs: "Sequence[int | Light]", scene: "AnyScene", time: float) 
 
 
 def parse_sky(text: str) -> "str | Path | NDArray[np.float64]":
-    """Parse a sky: "none", the path of an environment map, or a colour as (3,) linear radiance."""
+    """Parse a sky: "daylight", "none", the path of an environment map, or a colour as (3,) linear radiance."""
     from ..scene.sky import ENVIRONMENT_SUFFIXES
 
-    if text.strip().lower() == "none":
-        return "none"
+    if (word := text.strip().lower()) in ("daylight", "none"):
+        return word
     if text.lower().endswith(ENVIRONMENT_SUFFIXES):
         return Path(text)
     with _named(f"--sky {text}"):
-        return srgb_to_linear(parse_colour(text, f"a {' or '.join(ENVIRONMENT_SUFFIXES)} file, or none"))
+        return srgb_to_linear(parse_colour(text, f"a {' or '.join(ENVIRONMENT_SUFFIXES)} file, daylight or none"))
 
 
 def parse_background(text: str) -> "str | NDArray[np.float64]":
@@ -338,9 +338,10 @@ def make_picture_lights(
     if sky is None:
         return lights
     others = [light for light in lights if not isinstance(light, Sky)]
-    if isinstance(sky, str):
+    if isinstance(sky, str) and sky == "none":
         return others
-    return [*(others if specs or scene.lights else []), Sky(sky, up=scene.up)]
+    image = None if isinstance(sky, str) else sky
+    return [*(others if specs or scene.lights else []), Sky(image, up=scene.up)]
 
 
 def _forms_with(kind: str) -> dict[str, str]:

@@ -450,9 +450,9 @@ PresetOption = Annotated[
 SkyOption = Annotated[
     str | None,
     typer.Option(
-        help="Sky: a colour, an .hdr or .exr map, or none.  "
+        help="Sky: a colour, an .hdr or .exr map, daylight or none.  "
         "[default: daylight, if there are no other lights or the file has a sun]",
-        metavar="COLOUR|FILE|none",
+        metavar="COLOUR|FILE|daylight|none",
         show_default=False,
     ),
 ]

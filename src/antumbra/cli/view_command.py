@@ -1,5 +1,6 @@
 """``antumbra view``: show a scene in the browser."""
 
+import shlex
 import webbrowser
 from contextlib import suppress
 from dataclasses import dataclass
@@ -93,7 +94,7 @@ def view(args: ViewArguments) -> int:
 
     from ..base.extras import import_extra
     from ..scene.lights import DirectionalLight
-    from ..viewer.viewer_page import checked_port
+    from ..viewer.viewer_page import checked_port, name_scene
     from ..viewer.viewer_page import view as open_viewer
 
     import_extra("viser", "antumbra view", "view")
@@ -126,6 +127,7 @@ def view(args: ViewArguments) -> int:
             allow_host=args.allow_host or (),
             browser=False,
         )
+    name_scene(viewer, _source_of(args))
     with viewer:
         if not args.quiet:
             if position and not any(isinstance(light, DirectionalLight) for light in viewer.lights):
@@ -136,6 +138,16 @@ def view(args: ViewArguments) -> int:
         with suppress(KeyboardInterrupt):
             viewer.wait()
     return 0
+
+
+def _source_of(args: ViewArguments) -> str:
+    """SCENE and the options that describe it, as words of another command."""
+    words = [args.scene]
+    for name in "height", "terrain", "unit", "add", "remove", "up", "crs":
+        value = getattr(args, name)
+        values = value if isinstance(value, list) else [] if value is None else [value]
+        words += [f"--{name}={each}" for each in values]
+    return shlex.join(map(str, words))
 
 
 def _place_of(scene: "AnyScene", position: dict[str, Any]) -> "Place | None":

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.checks import whole_number
+from ..base.progress import check_interruption
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import bits, get, load8, lowest_bit, ptr, ptr_at, put
@@ -255,6 +256,7 @@ def subpixel_gbuffer(
     out, columns = _background(*shape, triangles.origin), shape[1] // BLOCK
     corners = triangles.vertices.reshape(-1, 9)
     for row, column in np.ndindex(BLOCK, BLOCK) if len(pixels) else ():
+        check_interruption()
         shifted = _shifted(rays, row, column)
         face, t = rasterise(corners, shifted, threads) if hits is None else hits(shifted)
         ticket = new_ticket(len(pixels), 1024)

@@ -6,6 +6,7 @@
 - `proxy_mesh`: the mesh with baked light that the browser shows while the camera moves
 - `gizmos`: light handles, and sightlines of a clicked point
 - `control_panel`: sliders and text
+- `render_words`: the command that renders what a page shows
 - `page_html`: our look of viser's page, with `page.css` and `page.mjs`
 - `request_guard`: checks of requests to the server
 

@@ -11,7 +11,8 @@ from ..picture.png_files import png_file
 from ..scene.lights import DirectionalLight
 from .gizmos import Face, Probe, Sight, answer_of
 from .progressive_pictures import TracedPicture
-from .viewer_model import BOX_TESTS, LIGHT_SHARE, SHADED, sun_angles
+from .render_words import render_command
+from .viewer_model import BOX_TESTS, LIGHT_SHARE, SHADED, Model, sun_angles
 
 _HINT = "Click or tap a surface to see which lights reach it, and what blocks the others."
 _STYLE = "margin: 0 1em; font-size: 0.8em; text-align: left"
@@ -34,6 +35,9 @@ class Controls:
 
     def __init__(self, page: Any):
         self._page, self._model, self._gui = page, page.model, page.server.gui
+        self._sun: Any = None  # the folder of its controls
+        self._boxes: dict[str, Any] = {}  # of the lights
+        self._commands: dict[int, Any] = {}  # browser -> the command that it copied
         self.sliders: dict[str, Any] = {}
         self._status = self._gui.add_markdown("Preparing the first picture ...")
         self._legend: Any = None
@@ -62,10 +66,16 @@ class Controls:
 
     def describe(self, point: Probe | None) -> None:
         """Show what a clicked point sees."""
-        self._point.content = describe_point(point)
+        self._point.content = describe_point(point, self._model)
 
     def refresh(self) -> None:
-        """Set the sliders from the model."""
+        """Set the sliders from the model, and say which lights have set."""
+        for lamp in self._model.editable_lights:
+            label = f"{lamp.name} (has set)" if self._model.has_set(lamp) else lamp.name
+            if lamp.name in self._boxes and self._boxes[lamp.name].label != label:
+                self._boxes[lamp.name].label = label
+        if self._sun is not None:
+            self._sun.visible = self._model.sun.on
         sun = self._model.sun
         if sun is not None and "elevation" in self.sliders:
             bearing, elevation = sun_angles(sun.light, self._model.scene.up)
@@ -76,7 +86,7 @@ class Controls:
 
     def _add_point(self) -> None:
         with self._gui.add_folder("Point"):
-            self._point = self._gui.add_html(describe_point(None))
+            self._point = self._gui.add_html(describe_point(None, self._model))
 
     def _add_picture(self) -> None:
         model, gui = self._model, self._gui
@@ -87,7 +97,12 @@ class Controls:
             stops = gui.add_slider(
                 "Exposure", -_STOPS, _STOPS, 0.1, 0.0, hint="In stops, relative to the automatic exposure"
             )
-            actions = {"Reset view": self._reset_view, "Reset exposure": self._reset_exposure, "Save": self._save}
+            actions = {
+                "Reset view": self._reset_view,
+                "Reset exposure": self._reset_exposure,
+                "Copy view": self._copy_view,
+                "Save": self._save,
+            }
             buttons = gui.add_button_group("", list(actions))
         self._stops = stops
 
@@ -112,6 +127,22 @@ class Controls:
         self._stops.value = 0.0
         self._page.changed()
 
+    def _copy_view(self, client: Any) -> None:
+        """Show the command that renders this view; the script of the page copies it."""
+        camera = self._page.camera_of(client.client_id)
+        if camera is None:
+            return
+        if old := self._commands.pop(client.client_id, None):
+            old.remove()
+        text = escape(render_command(self._model, camera))
+        code = f"<code data-copy style='overflow-wrap: anywhere'>{text}</code>"
+        html = f"<div style='{_STYLE}'><output></output><br>{code}</div>"
+        self._commands[client.client_id] = client.gui.add_html(html, order=0.4)
+
+    def forget(self, client_id: int) -> None:
+        """Drop what belongs to a browser that has disconnected."""
+        self._commands.pop(client_id, None)
+
     def _save(self, client: Any) -> None:
         picture = self._page.latest(client.client_id)
         if picture is not None:
@@ -129,7 +160,8 @@ class Controls:
         model, gui, sliders = self._model, self._gui, self.sliders
         assert isinstance(model.sun.light, DirectionalLight)
         bearing, elevation = sun_angles(model.sun.light, model.scene.up)
-        with gui.add_folder("Sun"):
+        self._sun = gui.add_folder("Sun")
+        with self._sun:
             if model.place is not None:
                 self._add_day()
                 bearing, elevation = sun_angles(model.sun.light, model.scene.up)
@@ -171,8 +203,8 @@ class Controls:
         model = self._model
         with self._gui.add_folder("Lights"):
             handles = self._gui.add_checkbox("Show handles", True)
-            boxes = {lamp.name: self._gui.add_checkbox(lamp.name, lamp.on) for lamp in model.editable_lights}
-        for name, box in boxes.items():
+            self._boxes = {lamp.name: self._gui.add_checkbox(lamp.name, lamp.on) for lamp in model.editable_lights}
+        for name, box in self._boxes.items():
             self._bind(box, partial(model.switch, name))
 
         async def show_handles(event: Any) -> None:
@@ -194,11 +226,10 @@ class Controls:
         control.on_update(self._page.listener(update))
 
 
-def describe_point(point: Probe | None) -> str:
-    """HTML about a point: its surface, and a row per light."""
+def describe_point(point: Probe | None, model: Model) -> str:
+    """HTML about a point of the model's scene: its surface, and a row per light."""
     if point is None:
         return f"<div style='{_STYLE}'>{_HINT}</div>"
-    place = ", ".join(f"{c:.6g}" for c in point.position)
     rows = "".join(
         f"<tr><td>{escape(sight.name)}</td><td style='{_NOWRAP}'>{100.0 * sight.share:.3g} % of {sight.samples}</td>"
         f"<td>{_blocked(sight)}</td></tr>"
@@ -206,6 +237,7 @@ def describe_point(point: Probe | None) -> str:
     )
     head = "<tr><th>Light</th><th>Visible</th><th>Centre</th></tr>"
     table = f"<table style='border-spacing: 0.5em 0.1em; margin-left: -0.5em'>{head}{rows}</table>"
+    place = model.text_of(point.position)
     return f"<div style='{_STYLE}'>{escape(answer_of(point))}<br>{_face(point.face)}, at {place}{table}</div>"
 
 

@@ -200,7 +200,8 @@ class Gizmos:
             )
 
     def _put(self, lamp: EditableLight, place: np.ndarray) -> None:
-        on, path = self._shown and lamp.on, f"/lights/{lamp.name}"
+        on = self._shown and lamp.on and not self._model.has_set(lamp)
+        path = f"/lights/{lamp.name}"
         if lamp.name not in self._handles:
             handle = self._handles[lamp.name] = self._scene.add_transform_controls(
                 path, scale=_HANDLE, disable_rotations=True, depth_test=False, position=place

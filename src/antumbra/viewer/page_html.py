@@ -2,7 +2,8 @@
 
 import gzip
 import re
-from functools import cache
+from base64 import b64encode
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -22,21 +23,26 @@ ICON_ADDRESS = "data:image/svg+xml," + quote(LOGO, safe=" =:/'")
 """The logo as the address of a page's icon."""
 
 
-def with_our_look(response: Any) -> Any:
-    """A response of viser's server; its page gets our look."""
+def with_our_look(response: Any, still: bytes = b"") -> Any:
+    """A response of viser's server; its page gets our look.
+
+    still : a PNG file, which the page shows until the browser has drawn a picture
+    """
     if response is not None and response.headers.get("Content-Type", "").startswith("text/html"):
         compressed = response.headers.get("Content-Encoding") == "gzip"
-        response.body = _page(response.body, compressed)
+        response.body = _page(response.body, compressed, still)
         del response.headers["Content-Length"]  # headers may repeat, so an assignment would add another one
         response.headers["Content-Length"] = str(len(response.body))
     return response
 
 
-@cache
-def _page(body: bytes, compressed: bool) -> bytes:
+@lru_cache(4)
+def _page(body: bytes, compressed: bool, still: bytes) -> bytes:
     page = gzip.decompress(body) if compressed else body
     page = _ICON.sub(rb"\1" + ICON_ADDRESS.encode() + b'"', page, count=1)
     style, script = ((_FOLDER / name).read_bytes() for name in ("page.css", "page.mjs"))
+    if still:
+        style += b"html{--still:url(data:image/png;base64," + b64encode(still) + b")}"
     ours = b"<title>Antumbra</title>\n<style>" + style + b"</style>\n<script type=module>" + script + b"</script>"
     page = page.replace(b"<title>Viser</title>", ours, 1)
     page = page.replace(b'content="Viser client"', b'content="A scene with exact shadows"', 1)

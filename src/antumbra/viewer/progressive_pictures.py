@@ -7,12 +7,13 @@ import threading
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from threading import Timer
-from time import monotonic, perf_counter
+from time import monotonic, perf_counter, sleep
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.progress import interrupted_by
 from ..base.wording import counted
 from ..engine.plan import parse_plan
 from ..picture.frame import Frame
@@ -228,7 +229,7 @@ def trace_picture(model: Model, camera: Camera, step: Step, check: Check = lambd
     """Trace one picture.
 
     camera : with the size of the page in pixels
-    check : called about ten times a second
+    check : called about ten times a second while rays are traced, and after each pass
 
     Raises
     ------
@@ -260,7 +261,8 @@ def _frame(
     model: Model, camera: Camera, lights: list[Light], step: Step, check: Check, ground: float | bool = False
 ) -> Frame:
     options = replace(step.options(model.time), ground=ground)
-    return model.renderer.render(camera, lights, options=options, progress=check)
+    with interrupted_by(check):
+        return model.renderer.render(camera, lights, options=options, progress=check)
 
 
 def with_quality(light: Light, spp: int) -> Light:
@@ -298,16 +300,17 @@ REST_DELAY = 0.15
 DISPLAY_DELAY = 0.1
 """Seconds until a browser shows a picture."""
 
-FIRST_DELAY = 0.2
-"""Seconds between the coarsest picture and the next; a browser without a GPU needs the cores to draw it."""
+FIRST_DELAY = 0.3
+"""Seconds without work after the coarsest picture; a browser without a GPU needs the cores to draw it."""
 
+_CHECK_PERIOD = 0.01  # seconds between checks while nothing is traced
 _QUICK_SPP = 4  # most shadow rays per pixel and light of pictures traced at the rank PICTURE
 _QUALITY = 92  # of JPEG
 _FARTHEST = 1e9  # page units: largest coordinate of a camera
 _MAX_SIDE = 1 << 14  # most pixels along a side of a page
 
 HAZE = np.repeat(np.linspace((150, 178, 214), (226, 229, 233), 64).round().astype(np.uint8)[:, None], 16, axis=1)
-"""(h, w, 3) sRGB: what is behind the proxy mesh, and on the page before the first picture."""
+"""(h, w, 3) sRGB: what is behind the proxy mesh, and on the page before a still (`page.css`)."""
 
 
 class ClientView:
@@ -320,9 +323,18 @@ class ClientView:
     client : viser's handle of the browser
     on_sent : function of a `TracedPicture`
         Called in the worker's thread for each picture that was sent.
+    still : (h, w, 3) uint8
+        What the page shows before its first picture.
     """
 
-    def __init__(self, model: Model, worker: TaskQueue, client: Any, on_sent: Callable[[TracedPicture], None]):
+    def __init__(
+        self,
+        model: Model,
+        worker: TaskQueue,
+        client: Any,
+        on_sent: Callable[[TracedPicture], None],
+        still: NDArray[np.uint8] = HAZE,
+    ):
         self.model, self._worker, self._client, self._on_sent = model, worker, client, on_sent
         self.name = f"picture {client.client_id}"
         self.pose: Pose | None = None
@@ -331,7 +343,8 @@ class ClientView:
         self._proxy: Any = None
         self._navigating = False  # whether the proxy mesh is visible instead of a picture
         self.latest: TracedPicture | None = None  # that the browser shows
-        self._client.scene.set_background_image(HAZE, "png")
+        pose = pose_of(client.camera)
+        self._client.scene.set_background_image(HAZE if pose is None else fitted(still, _aspect(pose)), "png")
 
     async def look(self, camera: Any) -> None:
         """Update the camera from the browser. A page that changes its shape before the camera moves is fitted again."""
@@ -371,39 +384,34 @@ class ClientView:
         """Send the proxy mesh, a GLB file, to the browser."""
         self._proxy = self._client.scene.add_glb("/proxy", data, visible=self._navigating)
 
-    def _draw_first(self, check: Callable[..., None]) -> None:
-        """Trace the coarsest picture, then leave the cores to the browser until it has drawn it."""
-        self._draw(check, 1, PICTURE, self._draw_quick, FIRST_DELAY)
+    def _draw_first(self, check: Check) -> None:
+        """Trace the coarsest picture, leave the cores to the browser until it has drawn it, and trace quick ones."""
+        self._draw(check, 1)
+        drawn = monotonic() + FIRST_DELAY
+        while monotonic() < drawn:
+            check()
+            sleep(_CHECK_PERIOD)
+        self._draw(check, sum(step.spp <= _QUICK_SPP for step in steps_of(self.model)), self._draw_fine)
 
-    def _draw_quick(self, check: Callable[..., None]) -> None:
-        quick = sum(step.spp <= _QUICK_SPP for step in steps_of(self.model))
-        self._draw(check, quick, FINE, self._draw_fine)
-
-    def _draw_fine(self, check: Callable[..., None]) -> None:
+    def _draw_fine(self, check: Check) -> None:
         self._draw(check, len(steps_of(self.model)))
 
-    def _draw(
-        self,
-        check: Callable[..., None],
-        end: int,
-        rank: int = FINE,
-        after: Callable[..., None] | None = None,
-        delay: float = 0.0,
-    ) -> None:
+    def _draw(self, check: Check, end: int, after: Callable[[Check], None] | None = None) -> None:
         """Trace the remaining pictures before `end`, then queue what comes after. The coarsest is always completed."""
         steps, changes = steps_of(self.model), self._changes
         while self.pose is not None and self._level < end:
             step, pose = steps[self._level], self.pose
-            camera = self.model.page_frame.camera(pose)
-            picture = trace_picture(self.model, camera, step, check if self._level else lambda *_: None)
+            camera, checked = self.model.page_frame.camera(pose), check if self._level else lambda *_: None
+            picture = trace_picture(self.model, camera, step, checked)
             if self.pose is None or (self.pose is not pose and self._proxy is not None):
                 return
+            checked()  # for a change since the last pass
             self._send(picture)
             if self._changes != changes:
                 return  # `begin` has queued the next picture
             self._level += 1
         if after is not None and self._level < len(steps) and self._changes == changes:
-            self._worker.submit(self.name, rank, after, delay)
+            self._worker.submit(self.name, FINE, after)
 
     def _send(self, picture: TracedPicture) -> None:
         kind = "png" if picture.legend is not None else "jpeg"
@@ -459,6 +467,17 @@ def same_pose(a: Pose, b: Pose) -> bool:
     """Whether two poses show the same view. Slow browsers use fewer pixels for it."""
     views: Iterable[tuple[Any, Any]] = zip(a[:4], b[:4])
     return all(np.allclose(x, y, rtol=0.0, atol=1e-6) for x, y in views) and abs(_aspect(a) - _aspect(b)) < 0.01
+
+
+def fitted(picture: NDArray[np.uint8], aspect: float) -> NDArray[np.uint8]:
+    """A picture of this ratio of width to height: cropped, or, for upright pages, continued above and below."""
+    height, width = picture.shape[:2]
+    if aspect < 1.0:
+        more = min(round(width / aspect), 8 * height) - height
+        return np.pad(picture, ((max(more, 0) // 2, (max(more, 0) + 1) // 2), (0, 0), (0, 0)), "edge")
+    rows, columns = max(1, min(height, round(width / aspect))), min(width, round(height * aspect))
+    top, left = (height - rows) // 2, (width - columns) // 2
+    return picture[top : top + rows, left : left + columns]
 
 
 def _aspect(pose: Pose) -> float:

@@ -51,13 +51,17 @@ class Guard:
     allow_host : sequence of str
         Additional names or addresses of the page.
 
+    still : bytes
+        A PNG file that the page shows until the browser has drawn a picture; empty for none.
+
     Attributes
     ----------
     token : str
         The first part of the path of each request; empty if only this machine can reach the server.
     """
 
-    def __init__(self, host: str, allow_host: Sequence[str] = ()):
+    def __init__(self, host: str, allow_host: Sequence[str] = (), still: bytes = b""):
+        self.still = still
         self.allowed = {_allowed(name) for name in allow_host}
         names = _LOOPBACK if is_loopback(host) else (*_LOOPBACK, *_names())
         self.names = {*self.allowed, *names, canonical(host)}
@@ -106,7 +110,7 @@ class Guard:
             )
         if self.token:
             request = type(request)(request.path.removeprefix(f"/{self.token}") or "/", request.headers)
-        return with_our_look(serve(connection, request))
+        return with_our_look(serve(connection, request), self.still)
 
 
 @contextmanager

@@ -4,6 +4,7 @@ In the page, every scene is centred at the origin and twenty units wide, because
 far plane. This module is independent of the browser.
 """
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import datetime, timedelta
@@ -17,7 +18,7 @@ from ..base.errors import InputError
 from ..datasets.dataset_layers import has_centre, towards_centre
 from ..engine.scene import AnyScene, is_outside
 from ..picture.frame import Frame
-from ..picture.image_files import frame_exposure
+from ..picture.image_files import LUMINANCE, PERCENTILE, frame_exposure, percentiles
 from ..picture.render_options import EngineOptions
 from ..picture.renderer import Renderer
 from ..scene.camera import Camera, axes, bounding_sphere
@@ -197,6 +198,25 @@ SHADED, BOX_TESTS, LIGHT_SHARE = "picture", "box tests", "seen: "
 STEPS_PLAN = "bsah+single"
 
 
+_HIGHLIGHT = 1.6  # most light, as a multiple of white, of all but the brightest surfaces, so that these keep shades
+_LOWERED = 0.7  # least share of the automatic exposure, which shows surfaces in the shade
+_STEADY = 0.5  # stops that the exposure may be off after a change of the lights, to avoid flicker
+
+
+def metered_exposure(frame: Frame) -> float:
+    """The automatic exposure of a frame, lowered a little where the sun shines into a shady place.
+
+    Pictures of the viewer have no bounced light, so a sunlit floor is farther from the shade than in `render`.
+    """
+    exposure = frame_exposure(frame)
+    luminance = frame.image[frame.mask] @ LUMINANCE
+    luminance = luminance[np.isfinite(luminance) & (luminance > 0.0)]
+    if not len(luminance):
+        return exposure
+    high = max(float(percentiles(luminance, (PERCENTILE,))[0]), 1e-30)
+    return float(np.clip(_HIGHLIGHT / high, _LOWERED * exposure, exposure))
+
+
 class DisplayOptions(NamedTuple):
     """Options for the pictures of a page."""
 
@@ -248,6 +268,8 @@ class Model:
         self._camera = camera
         self.last_camera: Camera | None = None  # camera of the browser that moved last
         self._exposure: float | None = None
+        self._metered = False  # whether the exposure is that of the lights as they are
+        self.source = shlex.quote(scene.name)  # the scene as words of a command
         self.ambient = np.zeros(3, np.float32)  # irradiance of the latest frame
 
     @property
@@ -274,7 +296,7 @@ class Model:
     def active_lights(self) -> list[EditableLight]:
         """The lights that are on. If all are off: the first light, with intensity 0."""
         lamps = self.editable_lights
-        on = [lamp for lamp in lamps if lamp.on and not self._has_set(lamp)]
+        on = [lamp for lamp in lamps if lamp.on and not self.has_set(lamp)]
         return on or [lamps[0]._replace(light=replace(lamps[0].light, intensity=0.0), on=False)]
 
     @property
@@ -295,6 +317,13 @@ class Model:
         """Whether the triangles are in memory, as the proxy mesh requires."""
         return self.scene.data.resident
 
+    def text_of(self, position: NDArray[np.float64]) -> str:
+        """A position with its unit, rounded to between a thousandth and a ten-thousandth of the scene's size."""
+        size = 2.0 * RADIUS / self.page_frame.scale
+        decimals = max(0, 3 - int(np.floor(np.log10(size))))
+        place = ", ".join(f"{c + 0.0:.{decimals}f}" for c in np.round(position, decimals))
+        return f"{place} {self.scene.unit.name}"
+
     def first_camera(self, width: int, height: int) -> Camera:
         """The camera of a new page. Upright pages show as much from side to side as square ones."""
         if self._camera is None and not self.scene.cameras:
@@ -311,9 +340,11 @@ class Model:
         return self.scene.ground_height(self.time) if is_outside(self.scene, camera) else False
 
     def update_from(self, frame: Frame) -> None:
-        """Adopt the exposure of the first frame, to avoid flicker, and the ambient light of every frame."""
-        if self._exposure is None:
-            self._exposure = frame_exposure(frame)
+        """Adopt the ambient light of a frame, and its exposure if it is the first one or the lights differ much."""
+        if self._exposure is None or not self._metered:
+            exposure, self._metered = metered_exposure(frame), True
+            if self._exposure is None or abs(np.log2(exposure / self._exposure)) > _STEADY:
+                self._exposure = exposure
         if frame.ambient is not None:
             self.ambient = frame.ambient
 
@@ -328,16 +359,18 @@ class Model:
 
     def go_to(self, time: float) -> None:
         """Show the scene at a time, in seconds."""
-        self.time = self.scene.clamped(time)
+        self.time, self._metered = self.scene.clamped(time), False
 
     def switch(self, name: str, on: bool) -> None:
         """Switch a light on or off."""
         self.editable_light(name)
         (self._off.discard if on else self._off.add)(name)
+        self._metered = False
 
     def move(self, name: str, to: NDArray[np.float64]) -> None:
         """Move the handle of a light to a position ((3,), page)."""
         self._moved[name] = move_light(self.editable_light(name).light, self.page_frame, to)
+        self._metered = False
 
     def aim_sun(self, bearing: float, elevation: float) -> None:
         """Move the sun to a bearing, clockwise from the scene's north axis, and an elevation, in degrees."""
@@ -347,6 +380,7 @@ class Model:
         bearing, elevation = number(bearing, "the bearing", -np.inf, np.inf), float(np.clip(elevation, -90.0, 90.0))
         assert isinstance(lamp.light, DirectionalLight)
         self._moved[lamp.name] = aim_sun_light(lamp.light, bearing, elevation, self.scene.up)
+        self._metered = False
 
     def aim_sun_at(self, day: str, hour: float) -> tuple[float, float]:
         """Move the sun to its position on a day ("2026-06-21") at an hour of local time.
@@ -376,7 +410,12 @@ class Model:
         hours = np.arange(0.0, 24.0, step).tolist()
         return [hour for hour, elevation in zip(hours, self._solar_angles(day, hours)[1]) if elevation > 0.0]
 
-    def _has_set(self, lamp: EditableLight) -> bool:
+    @property
+    def has_default_lights(self) -> bool:
+        """Whether the lights are those of the scene, as a command without lights has them."""
+        return self._initial_lights is None and not self._moved and not self._off
+
+    def has_set(self, lamp: EditableLight) -> bool:
         """Whether the user moved this sun below the horizon. Distant lights from files may shine from anywhere."""
         sun = lamp.light
         return (

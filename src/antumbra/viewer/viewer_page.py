@@ -2,16 +2,19 @@
 
 import errno
 import io
+import shlex
 import socket
 import sys
 import webbrowser
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import redirect_stdout
 from html import escape
+from pathlib import Path
 from time import sleep
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..base.checks import flag, items, quoted, text, whole_number
 from ..base.errors import InputError
@@ -19,6 +22,7 @@ from ..base.extras import import_extra
 from ..engine.plan import Plan
 from ..engine.precompilation import precompile
 from ..engine.scene_loading import SceneLike, scene_of
+from ..picture.png_files import png_file
 from ..picture.render_options import EngineOptions
 from ..scene.camera import Camera
 from ..scene.height_tints import height_tints
@@ -29,6 +33,7 @@ from .control_panel import Controls
 from .gizmos import Gizmos, probe
 from .progressive_pictures import (
     CLICK,
+    HAZE,
     MESH,
     NEW_MESH,
     Check,
@@ -47,6 +52,7 @@ from .viewer_model import Model
 # --- The server and its event handlers --------------------------------------------------------------------------------
 
 
+_STILL = 1120, 900  # pixels of the page for which the first picture is traced
 _SETTLED = 0.5  # seconds after a change until the proxy mesh is baked again
 
 
@@ -60,6 +66,8 @@ class Page:
         Port 0: any free port.
     allow_host : sequence of str
         Additional names or addresses of the page.
+    still : (h, w, 3) uint8
+        The picture that the page shows until the browser has drawn one.
 
     Raises
     ------
@@ -67,10 +75,13 @@ class Page:
         If viser is missing or cannot be guarded, the port is busy, or a name is invalid.
     """
 
-    def __init__(self, model: Model, host: str, port: int, allow_host: Sequence[str] = ()):
+    def __init__(
+        self, model: Model, host: str, port: int, allow_host: Sequence[str] = (), still: NDArray[np.uint8] = HAZE
+    ):
         viser = import_extra("viser", "the viewer", "view")
         self.model, self.host = model, host
-        self.guard, port = Guard(host, allow_host), checked_port(host, port)
+        self.guard, port = Guard(host, allow_host, png_file(still)), checked_port(host, port)
+        self._still = still
         self._views: dict[int, ClientView] = {}
         self._mesh: tuple[ProxyMesh, float, Triangles | None] | None = None  # with its time and `SceneData.moved`
         self._proxy: bytes | None = None
@@ -146,8 +157,15 @@ class Page:
         view = self._views.get(client_id)
         return None if view is None else view.latest
 
+    def camera_of(self, client_id: int) -> Camera | None:
+        """The camera of a browser; None before its first message."""
+        view = self._views.get(client_id)
+        return None if view is None or view.pose is None else self.model.page_frame.camera(view.pose)
+
     async def _connect(self, client: Any) -> None:
-        client_view = self._views[client.client_id] = ClientView(self.model, self.worker, client, self._on_sent)
+        client_view = self._views[client.client_id] = ClientView(
+            self.model, self.worker, client, self._on_sent, self._still
+        )
         if self._proxy is not None:
             client_view.put_proxy(self._proxy)
         client_view.go_home(client.camera)
@@ -157,6 +175,7 @@ class Page:
     async def _disconnect(self, client: Any) -> None:
         if client_view := self._views.pop(client.client_id, None):
             client_view.leave()
+            self.controls.forget(client.client_id)
 
     def _on_sent(self, picture: TracedPicture) -> None:
         self.controls.show_picture(picture)
@@ -362,16 +381,22 @@ def view(
         browser = flag(browser, "browser")
     engine = EngineOptions(plan=plan, threads=threads, max_memory=max_memory, device=device)
     model = Model(scene_of(scene), lights, camera, time, engine=engine, place=place)
-    prepare(model)
-    viewer = Viewer(Page(model, host, port, allowed))
+    if isinstance(scene, str | Path):
+        model.source = shlex.quote(str(scene))
+    viewer = Viewer(Page(model, host, port, allowed, prepare(model).image))
     if "ipykernel" not in sys.modules if browser is None else browser:
         webbrowser.open(viewer.url)
     return viewer
 
 
-def prepare(model: Model) -> None:
+def name_scene(viewer: Viewer, source: str) -> None:
+    """Name the scene in the commands that the page copies: the argument SCENE and its options, quoted for a shell."""
+    viewer._model.source = source
+
+
+def prepare(model: Model) -> TracedPicture:
     """Compile the kernels, and build the tree with a coarse picture, so that the page responds when it opens."""
     precompile("ray queries")
     precompile("filter and refinement")
     precompile("points")
-    trace_picture(model, model.first_camera(1280, 800), Step(4, 4))
+    return trace_picture(model, model.first_camera(*_STILL), Step(4, 4))
