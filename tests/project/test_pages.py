@@ -41,8 +41,8 @@ def test_the_page_of_figures_is_generated():
 
 
 def test_each_table_of_figures_has_its_command_machine_and_date():
-    sections = figures.page().split("\n### ")[1:]
-    assert len(sections) > 15
+    sections = re.findall(r"^<details(?: open)?>\n<summary>.*?^</details>$", figures.page(), re.M | re.S)
+    assert len(sections) > 25 and len(re.findall(r"^\|[-:]", figures.page(), re.M)) == len(sections)
     sources = [re.findall(r"^`(?:python|antumbra|pytest) [^`]+`: .+; \d{4}-\d\d-\d\d\.$", s, re.M) for s in sections]
     assert [len(found) for found in sources] == [1] * len(sections)
 
@@ -124,7 +124,8 @@ def test_newer_results_replace_transcribed_tables(title, results, row, tmp_path,
     monkeypatch.setattr(figures, "RESULTS", tmp_path)
     monkeypatch.setattr(figures, "RERUN", {title: figures.RERUN[title]})
     made, left = (re.sub(r" <span.*?</span>", "", each) for each in figures.transcribed(part))
-    assert row in made and made.startswith(f"### {title}") and left.startswith("### Another table")
+    heading = re.sub("`(.*)`", r"<code>\1</code>", title)
+    assert row in made and f"<summary>{heading}" in made and "<summary>Another table</summary>" in left
     assert "`python benchmarks/x.py`: a Zen; 1 thread; 2026-01-02." in made
 
 
