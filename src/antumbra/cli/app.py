@@ -100,7 +100,7 @@ _CURES = {
 
 
 def _as_option(message: str, group: Any, arguments: list[str]) -> str:
-    """An error message that starts with a parameter's name, or advises to give something, with options in their place."""
+    """An error message with options in the place of a parameter's name at its start, and of what it advises to give."""
     command = next((group.commands[word] for word in arguments if word in group.commands), None)
     options = {each.name: each.opts[0] for each in getattr(command, "params", ()) if each.param_type_name == "option"}
     match = _PARAMETER.match(message)
