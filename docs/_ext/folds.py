@@ -10,7 +10,8 @@ MEASURED = "how-it-was-measured"
 
 def is_title(node) -> bool:
     """Whether a node is a paragraph in bold, such as the title of a table."""
-    return isinstance(node, nodes.paragraph) and [type(child) for child in node.children] == [nodes.strong]
+    shown = [child for child in node.children if child.astext()]  # Markdown has empty texts around it
+    return isinstance(node, nodes.paragraph) and [type(child) for child in shown] == [nodes.strong]
 
 
 def fold(summary: str, content: list[nodes.Node]) -> list[nodes.Node]:

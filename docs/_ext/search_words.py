@@ -12,6 +12,7 @@ PAGES = {
     "opacity": "tutorials/model", "transparency": "tutorials/model", "material": "tutorials/model",
     "lightmap": "jobs/bake", "ambient occlusion": "jobs/bake", "bake": "jobs/bake",
     "viewshed": "jobs/line-of-sight", "visibility": "jobs/line-of-sight", "line of sight": "jobs/line-of-sight",
+    "lines of sight": "jobs/line-of-sight",
     "shadow": "jobs/shadow", "sun": "jobs/sun", "sun hours": "jobs/sun",
     "solar": "jobs/sun", "daylight": "jobs/sun", "shading": "jobs/sun",
     "sky view factor": "jobs/sun", "view factor": "jobs/view-factors",

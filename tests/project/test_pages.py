@@ -437,7 +437,7 @@ def test_long_tables_of_papers_fold_below_their_titles(extension):
     folds = extension("folds")
     page = pytest.importorskip("docutils.utils").new_document("page")
     table = lambda rows: extension("registries").table(["a"], [["1"]] * rows)
-    title = lambda text: nodes.paragraph("", "", nodes.strong("", text))
+    title = lambda text: nodes.paragraph("", "", nodes.Text(""), nodes.strong("", text), nodes.Text(""))
     measured = nodes.section("", nodes.title("", "How"), nodes.paragraph("", "by x"), ids=[folds.MEASURED])
     results = nodes.section(
         "", title("Long <1>"), table(20), title("Short"), table(3), nodes.paragraph("", "b"), table(20)
