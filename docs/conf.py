@@ -18,6 +18,7 @@ version = release = antumbra.__version__
 
 extensions = [
     "sphinx.ext.autodoc",
+    "sphinx.ext.intersphinx",
     "sphinx.ext.linkcode",
     "sphinx.ext.napoleon",
     "myst_parser",
@@ -31,6 +32,7 @@ extensions = [
     "code_tabs",
     "comments",
     "fields",
+    "folds",
     "help",
     "labels",
     "live",
@@ -42,6 +44,7 @@ extensions = [
     "registries",
     "search_words",
     "sidebar",
+    "signatures",
     "whole",
     "shown",
 ]
@@ -49,7 +52,9 @@ exclude_patterns = ["_build", "_ext", "conf.py", "papers/ideas"]
 nitpick_ignore_regex = [("py:.*", ".*")]
 
 autodoc_member_order = "bysource"
-autodoc_typehints = "none"  # docstrings say shapes and types
+autodoc_typehints = "none"  # _ext/signatures.py adds those that are short; docstrings say shapes and dtypes
+python_use_unqualified_type_names = True
+python_maximum_signature_line_length = 88
 napoleon_google_docstring = False
 napoleon_use_ivar = True
 
@@ -60,6 +65,18 @@ smartquotes_action = "qe"  # quotes and ellipses; two hyphens begin an option
 
 bibtex_bibfiles = ["REFERENCES.bib"]
 bibtex_default_style = "author-year"
+
+SITES = {
+    "python": "https://docs.python.org/3/",
+    "numpy": "https://numpy.org/doc/stable/",
+    "scipy": "https://docs.scipy.org/doc/scipy/",
+    "pandas": "https://pandas.pydata.org/docs/",
+    "geopandas": "https://geopandas.org/en/stable/",
+    "trimesh": "https://trimesh.org/",
+    "pyvista": "https://docs.pyvista.org/",
+}
+intersphinx_mapping = {name: (site, f"_inventories/{name}.txt") for name, site in SITES.items()}  # builds work offline
+intersphinx_disabled_reftypes = ["std:*"]
 
 html_theme = "furo"
 html_title = f"Antumbra {release}"

@@ -29,11 +29,11 @@ INTRO = """# Figures
 `python scripts/figures_page.py` generates this page from results in `docs/results/` and `docs/papers/results/`. Each
 table names its command, machine and date. To measure on your machine, run the commands in a clone; they alternate with
 the peers in one process. Times on shared machines vary by 10 to 20 %, ratios less. A ratio above 1 means that Antumbra
-is faster. Bars show the numbers above them; the bar of a ratio below 1 is grey.
+is faster. Bars show the numbers above them; the bar of a ratio below 1 is grey. Long tables are folded.
 """
 
 
-LONGEST = 8
+LONGEST = 6
 """Rows of a table that is not folded."""
 
 
@@ -60,19 +60,19 @@ class Bars(NamedTuple):
 def table(
     title: str, about: dict[str, Any], columns: Sequence[str], rows: Iterable[Sequence[str]], bars: Sequence[Bars] = ()
 ) -> str:
-    """A Markdown table below its title, and above its command, machine and date; numbers are aligned right."""
+    """A table that folds below its title, with its command, machine and date; numbers are aligned right."""
     rows = [[str(cell) for cell in row] for row in rows]
     numeric = [all(len(row[k]) < 20 and row[k].strip("*")[:1] <= "9" for row in rows) for k in range(len(columns))]
     for group in bars:
         places = [columns.index(name) for name in group.columns]
         _draw_bars(rows, places, group.are_ratios)
         numeric = [right and k not in places for k, right in enumerate(numeric)]
-    lines = [f"### {title}", "", f"| {' | '.join(columns)} |"]
+    heading = re.sub(r"`([^`]*)`", r"<code>\1</code>", title)  # within HTML, which is not read as Markdown
+    lines = ["<details>" if len(rows) > LONGEST else "<details open>", f"<summary>{heading}</summary>", ""]
+    lines.append(f"| {' | '.join(columns)} |")
     lines.append(f"|{'|'.join('---:' if right else '---' for right in numeric)}|")
     lines += [f"| {' | '.join(row)} |" for row in rows]
-    if len(rows) > LONGEST:
-        lines[2:] = ["<details>", f"<summary>Show all {len(rows)} rows</summary>", "", *lines[2:], "", "</details>"]
-    return "\n".join([*lines, "", source(about)]) + "\n"
+    return "\n".join([*lines, "", source(about), "", "</details>"]) + "\n"
 
 
 def _draw_bars(rows: list[list[str]], columns: Sequence[int], are_ratios: bool) -> None:
@@ -640,6 +640,29 @@ RERUN = {
 """Beginning of a title -> its run; docs/results/transcribed.json has the tables of those that are not run yet."""
 
 
+TASKS = {
+    "Pictures": ("Soft shadows", "Moving scenes", "Method selection", "Walks", "Images of the viewer"),
+    "Trees and updates": ("Building trees", "New triangles", "Updates"),
+    "Rays and points": ("Arrays of rays", "Drop-in", "Latency", "Calls", "Small queries"),
+    "Jobs and start-up": ("Jobs", "Sun hours", "Start-up"),
+}
+"""Heading in the part on speed -> the beginnings of its tables' titles."""
+
+
+def speed() -> Iterable[str]:
+    """All tables of speed, below the headings of their tasks."""
+    every = [soft_shadows(), moving_scenes(), *trees(), rebuilds(), updates(), drop_in(), server(), server_scaling()]
+    every += [small_queries(), sun(), startup(), *transcribed("speed"), *walks()]
+    for task, beginnings in TASKS.items():
+        yield f"### {task}\n"
+        for beginning in beginnings:
+            found = [each for each in every if f"<summary>{beginning}" in each]
+            assert found, f"no table begins with {beginning}"
+            every = [each for each in every if each not in found]
+            yield from found
+    assert not every, f"no task has the table {every[0]}"
+
+
 def page() -> str:
     """The text of the page."""
     parts = [
@@ -647,21 +670,7 @@ def page() -> str:
         below_one(),
         "## Speed\n",
         PEERS,
-        soft_shadows(),
-        moving_scenes(),
-        *trees(),
-        rebuilds(),
-        updates(),
-        drop_in(),
-        server(),
-        server_scaling(),
-        small_queries(),
-    ]
-    parts += [
-        sun(),
-        startup(),
-        *transcribed("speed"),
-        *walks(),
+        *speed(),
         "## Devices\n",
         DEVICES,
         devices(),

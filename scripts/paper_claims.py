@@ -106,8 +106,8 @@ def _bullets(lines: list[str]) -> str:
 def _line(row: Judged) -> str:
     """A claim in a line of text."""
     place = f"Sec. {row.claim.section}" if row.claim.section[0].isdigit() else row.claim.section
-    why = f" ({row.why})" if row.why else ""
-    return f"**{place}**: {row.claim.text}. Here: {row.ours}{why}."
+    why = f" {row.why[0].upper()}{row.why[1:]}." if row.why else ""
+    return f"**{place}**: {row.claim.text}. Here: {row.ours}.{why}"
 
 
 def section(name: str, title: str, results: dict[str, Any]) -> str:

@@ -1,9 +1,10 @@
-"""Commands and the same work in Python side by side: a shell block directly before a Python block becomes two tabs.
+"""Blocks of code side by side, in tabs: a shell block and the Python block directly after it, and adjacent shell blocks
+that begin with a comment, which becomes the label of the tab: ``# Clone``.
 
-In plain Markdown, they are two blocks in a row. Readers who choose a tab see the same language on all pages.
+In plain Markdown, they are blocks in a row. Readers who choose a tab see the same choice on all pages.
 """
 
-from itertools import pairwise
+import re
 
 from docutils import nodes
 from sphinx_design.shared import create_component
@@ -12,31 +13,56 @@ SHELL, PYTHON = ("sh", "Command line"), ("python", "Python")
 """The key of a tab, under which the choice is kept, and its label."""
 
 KINDS = {"sh": SHELL, "python": PYTHON, "py": PYTHON}
+_LABEL = re.compile(r"# (.+)\n")
 
 
-def kind_of(node):
-    """The tab of a block of code; None for other nodes and languages."""
-    return KINDS.get(node.get("language")) if isinstance(node, nodes.literal_block) else None
+def kind_of(block):
+    """The tab of a block of code; None for other languages."""
+    return KINDS.get(block.get("language"))
+
+
+def label_of(block):
+    """The comment that begins a shell block; None without one."""
+    match = _LABEL.match(block.astext()) if kind_of(block) == SHELL else None
+    return match and match[1]
+
+
+def belongs(block, run):
+    """Whether a block is shown beside those before it."""
+    if run[-1].next_node(descend=False, siblings=True) is not block:
+        return False
+    if label_of(block):
+        return label_of(run[-1]) is not None
+    return len(run) == 1 and not label_of(run[0]) and (kind_of(run[0]), kind_of(block)) == (SHELL, PYTHON)
 
 
 def tab_of(block):
-    """A tab with a block of code."""
-    key, text = kind_of(block)
-    label = nodes.rubric(text, text, classes=["sd-tab-label"], sync_id=key, sync_group="code")
+    """A tab with a block of code, without the comment that is its label."""
+    group, (key, text) = "code", kind_of(block)
+    if label := label_of(block):
+        group, key, text = "ways", label, label
+        block.rawsource = block.astext().partition("\n")[2]
+        block.children = [nodes.Text(block.rawsource)]
+    heading = nodes.rubric(text, text, classes=["sd-tab-label"], sync_id=key, sync_group=group)
     content = create_component("tab-content", children=[block], classes=["sd-tab-content"])
-    return create_component("tab-item", children=[label, content], classes=["sd-tab-item"])
+    return create_component("tab-item", children=[heading, content], classes=["sd-tab-item"])
 
 
 def join_blocks(app, doctree):
-    """Replace each shell block and the Python block that follows it by tabs."""
-    blocks = list(doctree.findall(nodes.literal_block))
-    for first, second in pairwise(blocks):
-        follows = first.next_node(descend=False, siblings=True) is second
-        if follows and kind_of(first) == SHELL and kind_of(second) == PYTHON:
-            first.parent.remove(second)
+    """Replace blocks that belong together by tabs."""
+    runs = []
+    for block in doctree.findall(nodes.literal_block):
+        if runs and belongs(block, runs[-1]):
+            runs[-1].append(block)
+        else:
+            runs.append([block])
+    for first, *others in runs:
+        if others:
+            for block in others:
+                first.parent.remove(block)
             tabs = create_component("tab-set", classes=["sd-tab-set"])
             first.replace_self(tabs)
-            tabs += [tab_of(first), tab_of(second)]
+            tabs += map(tab_of, (first, *others))
 
 
 def setup(app):

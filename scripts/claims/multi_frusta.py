@@ -106,7 +106,7 @@ CLAIMS: tuple[Claim, ...] = (
         RANGE,
         lambda r: _factors(r, _P, "shaded"),
         lambda low, high, middle: middle >= 2.98,
-        "follows from the claim above",
+        "this follows from the claim above",
     ),
     Claim(
         "5.1, 7",

@@ -120,7 +120,7 @@ CLAIMS: tuple[Claim, ...] = (
         "{:,.0f} times",
         lambda r: _ratio(r, "sorting, Precise: less time"),
         lambda n: n >= 100,
-        "follows from the claim above",
+        "this follows from the claim above",
     ),
     Claim(
         "5, Figure 6",

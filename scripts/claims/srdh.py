@@ -208,7 +208,7 @@ CLAIMS: tuple[Claim, ...] = (
         "four times as many rays take {:.2f} to {:.2f} times as long, median {:.2f}",
         lambda r: spread(_four_times(r)),
         lambda low, high, middle: middle >= 3,
-        "nor in the paper's own table (1.02 to 2.07): binning triangles takes as long with any number of rays",
+        "nor is it in the paper's table (1.02 to 2.07): binning triangles takes as long with any number of rays",
     ),
     Claim(
         "Table 1",

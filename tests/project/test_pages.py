@@ -41,8 +41,8 @@ def test_the_page_of_figures_is_generated():
 
 
 def test_each_table_of_figures_has_its_command_machine_and_date():
-    sections = figures.page().split("\n### ")[1:]
-    assert len(sections) > 15
+    sections = re.findall(r"^<details(?: open)?>\n<summary>.*?^</details>$", figures.page(), re.M | re.S)
+    assert len(sections) > 25 and len(re.findall(r"^\|[-:]", figures.page(), re.M)) == len(sections)
     sources = [re.findall(r"^`(?:python|antumbra|pytest) [^`]+`: .+; \d{4}-\d\d-\d\d\.$", s, re.M) for s in sections]
     assert [len(found) for found in sources] == [1] * len(sections)
 
@@ -124,7 +124,8 @@ def test_newer_results_replace_transcribed_tables(title, results, row, tmp_path,
     monkeypatch.setattr(figures, "RESULTS", tmp_path)
     monkeypatch.setattr(figures, "RERUN", {title: figures.RERUN[title]})
     made, left = (re.sub(r" <span.*?</span>", "", each) for each in figures.transcribed(part))
-    assert row in made and made.startswith(f"### {title}") and left.startswith("### Another table")
+    heading = re.sub("`(.*)`", r"<code>\1</code>", title)
+    assert row in made and f"<summary>{heading}" in made and "<summary>Another table</summary>" in left
     assert "`python benchmarks/x.py`: a Zen; 1 thread; 2026-01-02." in made
 
 
@@ -410,6 +411,79 @@ def test_a_command_and_the_python_after_it_become_tabs(extension):
     tabs = [node for node in page.children if isinstance(node, nodes.container)]
     assert [tab.astext().split() for tab in tabs] == [["Command", "line", "1", "Python", "2"]]
     assert [node.astext() for node in page.children if node is not tabs[0]] == ["0", "between", "3", "4", "5", "6"]
+
+
+def test_shell_blocks_in_a_row_with_labels_become_tabs(extension):
+    nodes = pytest.importorskip("docutils.nodes", reason="tabs are NOT checked without docutils")
+    pytest.importorskip("sphinx_design", reason="tabs are NOT checked without sphinx-design")
+    page = pytest.importorskip("docutils.utils").new_document("page")
+    codes = [("sh", "# Clone\ngit x"), ("sh", "# pip, once released\npip y"), ("python", "z"), ("sh", "w")]
+    page += [nodes.literal_block(code, code, language=kind) for kind, code in codes]
+    extension("code_tabs").join_blocks(None, page)
+    (tabs,) = [node for node in page.children if isinstance(node, nodes.container)]
+    labels = [(label.astext(), label["sync_group"]) for label in tabs.findall(nodes.rubric)]
+    assert labels == [("Clone", "ways"), ("pip, once released", "ways")]
+    assert [block.rawsource for block in page.findall(nodes.literal_block)] == ["git x", "pip y", "z", "w"]
+
+
+@pytest.mark.parametrize("page", ["index", "install", "quickstart"])
+def test_the_first_pages_begin_with_the_ways_to_install(page):
+    first, second = snippets.blocks((DOCS / f"{page}.md").read_text(encoding="utf-8"), "sh")[:2]
+    assert first.startswith("# Clone\ngit clone ") and second == "# pip, once released\npip install antumbra\n"
+
+
+def test_long_tables_of_papers_fold_below_their_titles(extension):
+    nodes = pytest.importorskip("docutils.nodes", reason="folds are NOT checked without docutils")
+    folds = extension("folds")
+    page = pytest.importorskip("docutils.utils").new_document("page")
+    table = lambda rows: extension("registries").table(["a"], [["1"]] * rows)
+    title = lambda text: nodes.paragraph("", "", nodes.Text(""), nodes.strong("", text), nodes.Text(""))
+    measured = nodes.section("", nodes.title("", "How"), nodes.paragraph("", "by x"), ids=[folds.MEASURED])
+    results = nodes.section(
+        "", title("Long <1>"), table(20), title("Short"), table(3), nodes.paragraph("", "b"), table(20)
+    )
+    page += [measured, results]
+    settings = type("App", (), {"env": type("Env", (), {"docname": "papers/x"})})
+    folds.fold_page(settings, page)
+    raw = [node.astext() for node in page.findall(nodes.raw)]
+    assert raw[0::2] == [
+        "<details><summary>Command, machine, dates and load</summary>",
+        "<details><summary>Long &lt;1&gt;</summary>",
+    ]
+    assert raw[1::2] == ["</details>"] * 2 and len(list(page.findall(nodes.table))) == 3
+    assert [node.astext() for node in page.findall(nodes.strong)] == ["Short"]
+
+
+@pytest.mark.parametrize(
+    "name, parts",
+    [
+        ("Scene.occluded", ["tmin: numpy.typing.ArrayLike = 0.0", "targets: numpy.typing.ArrayLike | None = None"]),
+        ("render", ["scene: SceneLike", "camera: antumbra.Camera | None = None", "progress=None", "-> antumbra.Frame"]),
+        ("Place", ["latitude: float", "timezone: str | None"]),
+    ],
+)
+def test_types_in_signatures_are_short_and_public(extension, name, parts):
+    pytest.importorskip("sphinx", reason="signatures are NOT checked without Sphinx")
+    signatures, thing = extension("signatures"), at
+    for part in name.split("."):
+        thing = getattr(thing, part)
+    kind = "class" if inspect.isclass(thing) else "method" if "." in name else "function"
+    shown, result = signatures.add_types(None, kind, name, thing, None, "()", None)
+    assert [part for part in parts if part not in f"{shown} -> {result}"] == [] and "self" not in shown
+    assert signatures.add_types(None, "property", name, thing, None, "()", None) is None
+
+
+def test_stored_inventories_have_the_types_of_signatures(extension):
+    """Sites of other libraries are not read when the pages are built."""
+    inventory = pytest.importorskip("sphinx.util.inventory", reason="inventories are NOT checked without Sphinx")
+    signatures, known = extension("signatures"), set()
+    files = sorted((DOCS / "_inventories").glob("*.txt"))
+    for file in files:
+        known |= {
+            name for names in inventory.InventoryFile.loads(file.read_bytes(), uri="").data.values() for name in names
+        }
+    assert len(files) >= 5 and {"trimesh.Trimesh", "pyvista.PolyData", "ValueError"} <= known
+    assert {*signatures.PLACES.values(), *signatures.BUILTIN} - known == set()
 
 
 def test_long_commands_break_before_options_and_remain_the_same_command(extension):

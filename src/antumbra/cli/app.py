@@ -89,11 +89,25 @@ def run(arguments: list[str]) -> object:
 _PARAMETER = re.compile(r"(\w+)(?= ('[^']*' |\([^)]*\) )?(is|belongs|needs) )")
 
 
+_CURES = {
+    "place=antumbra.Place(latitude, longitude)": "--latitude and --longitude",
+    "days such as": "--days, such as",
+    "a rule": "--rule",
+    "a CRS": "--crs",
+    "an EPW file": "--epw",
+}
+"""What messages for Python advise to give -> the options that give it."""
+
+
 def _as_option(message: str, group: Any, arguments: list[str]) -> str:
-    """An error message that starts with a parameter's name, with the command-line option in its place."""
-    match = _PARAMETER.match(message)
+    """An error message with options in the place of a parameter's name at its start, and of what it advises to give."""
     command = next((group.commands[word] for word in arguments if word in group.commands), None)
-    for param in getattr(command, "params", ()):
-        if match and param.name == match[1] and param.param_type_name == "option":
-            return f"{param.opts[0]}{message[match.end() :]}"
-    return message
+    options = {each.name: each.opts[0] for each in getattr(command, "params", ()) if each.param_type_name == "option"}
+    match = _PARAMETER.match(message)
+    if match and match[1] in options:
+        return f"{options[match[1]]}{message[match.end() :]}"
+    problem, give, cure = message.partition("; give ")
+    for words, names in _CURES.items():
+        if {*re.findall(r"--\S+\b", names)} <= {*options.values()}:
+            cure = cure.replace(words, names)
+    return f"{problem}{give}{cure}"

@@ -464,6 +464,7 @@ _WORDS = (
 
 # Typer's messages about words -> this package's messages.
 _USES = (
+    (r"Missing argument 'SCENE'.*", "SCENE is missing, such as model.glb or example:town"),
     (r"Missing (?:option|argument|parameter) '([^']*)'.*", r"\1 is missing"),
     (r"No such command '?([^']*?)'?", r"there is no command \1"),
     (r"No such command '([^']*)'\. Did you mean '([^']*)'.*", r"there is no command \1; did you mean \2?"),

@@ -527,7 +527,7 @@ class Scene(AnyScene):
         Parameters
         ----------
         mesh : object
-            A trimesh ``Trimesh`` or ``Scene``, a pyvista data set (``PolyData``, or one that has a surface) or
+            A `trimesh.Trimesh` or ``Scene``, a pyvista data set (`pyvista.PolyData`, or one that has a surface) or
             ``MultiBlock``, a meshio ``Mesh``, or an Open3D ``TriangleMesh`` of either kind. Vertex and face colours are
             kept, as are trimesh materials with textures. Each node of a trimesh ``Scene`` becomes an object, and its
             ``units`` those of the scene.

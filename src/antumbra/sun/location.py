@@ -22,6 +22,9 @@ from ..scene.map_point import map_point, on_earth
 _OFFSET = re.compile(r"([+-])(\d{1,2})(?::?(\d{2}))?")
 _CURE = "write a name such as Europe/Amsterdam, or +01:00"
 
+UNKNOWN_PLACE = "the place is unknown; give place=antumbra.Place(latitude, longitude)"
+"""The beginning of a message that goes on with other sources of a place; commands name their options instead."""
+
 
 def parse_zone(text: str) -> tzinfo:
     """A time zone from an IANA name (Europe/Amsterdam), UTC, or a fixed offset (+01:00).
@@ -137,7 +140,8 @@ def position_fields(**fields: Any) -> dict[str, Any]:
     """
     values = {name: value for name, value in fields.items() if value is not None}
     if ("latitude" in values) != ("longitude" in values):
-        raise InputError("a position needs a latitude and a longitude; give both")
+        one, other = sorted(("latitude", "longitude"), key=lambda name: name not in values)
+        raise InputError(f"{one} needs its {other}; give both")
     Place(**({"latitude": 0.0, "longitude": 0.0} | values))
     return values
 
@@ -206,7 +210,7 @@ def checked_place_of(scene: AnyScene, place: Place | None) -> Place:
     """`place_in`, or an InputError if the place is unknown."""
     found = place_in(scene, place)
     if found is None:
-        raise InputError("the place is unknown; give a place, such as antumbra.Place(52.0, 4.36), or a CRS")
+        raise InputError(f"{UNKNOWN_PLACE}, or a CRS")
     return found
 
 

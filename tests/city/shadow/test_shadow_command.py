@@ -49,7 +49,7 @@ def test_a_city_knows_its_place_and_its_buildings(cli, tmp_path):
     [
         (HERE, ("give either --at TIME", "--days DAYS")),
         ((*HERE, *MOMENT, "--days", "2026-06-21"), ("give either --at TIME",)),
-        (MOMENT, ("the place is unknown",)),
+        (MOMENT, ("the place is unknown; give --latitude and --longitude, or --crs",)),
         ((*HERE, "--at", "2026-06-21T01:00"), ("degrees below the horizon",)),
         ((*HERE, "--at", "today"), ("--at", "2026-06-21T15:00")),
         ((*HERE, *MOMENT, "-o", "a.tif"), ("needs cells",)),

@@ -89,8 +89,10 @@ def test_a_rule_and_its_share(cli):
 @pytest.mark.parametrize(
     "given, words",
     [
-        ((SCENE, *DAY), ("place is unknown", "latitude")),
-        ((SCENE, *HERE), ("days are unknown", "year:2026")),
+        ((SCENE, *DAY), ("place is unknown; give --latitude and --longitude, --crs, or --epw",)),
+        ((SCENE, *HERE), ("days are unknown; give --days, such as", "or year:2026, --rule, or --epw")),
+        ((SCENE, "--longitude", "4"), ("--longitude needs its latitude; give both",)),
+        ((), ("SCENE is missing, such as model.glb or example:town; see antumbra sun --help",)),
         ((SCENE, *HERE, *DAY, "--sensors", "windows"), ("--sensors is 'windows'", "grid:SPACING")),
         ((SCENE, *HERE, *DAY, "--sensors", "windows.csv"), ("windows.csv", "no such file")),
         ((SCENE, *HERE, *DAY, "-o", "a.xyz"), ("a.xyz", ".csv")),

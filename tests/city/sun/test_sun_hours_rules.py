@@ -303,8 +303,8 @@ def test_windows_are_compared_before_dwellings_are_judged(tmp_path, windows):
     "given, words",
     [
         (("--rule", "br209-vsx"), ["--rule 'br209-vsx' is unknown; did you mean 'br209-vsc'"]),
-        (("--rule", "br209-apsh"), ["give an EPW file", "--sunshine JAN/FEB/.../DEC"]),
-        (("--rule", "en17037-high"), ["the place is unknown; give a latitude"]),
+        (("--rule", "br209-apsh"), ["give --epw", "--sunshine JAN/FEB/.../DEC"]),
+        (("--rule", "en17037-high"), ["the place is unknown; give --latitude and --longitude, --crs, or --epw"]),
         (("--rule", "br209-vsc", "--per", "dweling"), ["per is 'dweling'", "did you mean 'dwelling'"]),
         (("--rule", "br209-vsc", "--per", "facade"), ["rows per facade need sensors on faces", "a column facade"]),
         (("--rule", "br209-vsc", "--tilt", "0:45"), ["no sensors with a tilt in 0:45"]),

@@ -115,7 +115,7 @@ class PvCommand(StudyCommand[PvOptions, "ModuleShading"]):
 
     def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], ModuleShading | None]":
         from ...engine.measured_scenes import measured_scene
-        from ...sun.location import place_of
+        from ...sun.location import UNKNOWN_PLACE, place_of
         from ...sun.sun_positions import days_of, solar_angles, times_of, zone_of
         from .module_shading import module_shading
         from .modules import modules_of_table
@@ -123,7 +123,7 @@ class PvCommand(StudyCommand[PvOptions, "ModuleShading"]):
         scene = measured_scene(scenes.planted)
         place = place_of(scene, **position_of(self))
         if place is None:
-            raise InputError("the place is unknown; give --latitude and --longitude, or --crs")
+            raise InputError(f"{UNKNOWN_PLACE}, or a CRS")
         times = times_of(days_of(self.days), zone_of(place), self.step)
         points = self._file.within(scene)
         if self.on_surface:

@@ -15,7 +15,7 @@ from ...base.progress import Progress, with_progress
 from ...engine.measured_scenes import measured_scene
 from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike
-from ...sun.location import Place, place_in
+from ...sun.location import UNKNOWN_PLACE, Place, place_in
 from ...sun.sun_positions import Suns, directions_of, instant_of, months_of, solar_angles, zone_notes, zone_of
 from ...work.executors import Executor, Keep, executor_of
 from ...work.scene_records import scene_digest
@@ -90,7 +90,7 @@ def shadow(
     import_extra("shapely", "shadow", "gis")
     place = place_in(scene, options.place)
     if place is None:
-        raise InputError("the place is unknown; give a latitude and a longitude, or a CRS")
+        raise InputError(f"{UNKNOWN_PLACE}, or a CRS")
     below = scene if surface is None else measured_scene(surface)
     if options.days is not None:
         found = _hours(scene, _cells(below, options), place, options, executor)

@@ -21,7 +21,7 @@ from ...engine.scene_loading import SceneLike
 from ...kernels.parallel import thread_count
 from ...scene.materials import MONTHS
 from ...scene.sky import sky_directions
-from ...sun.location import Place, place_in
+from ...sun.location import UNKNOWN_PLACE, Place, place_in
 from ...sun.sun_positions import Suns, checked_step, months_of, suns_of, times_of, zone_notes, zone_of
 from ...work.executors import Keep, checked_keep, executor_of
 from ..sensors.block_parts import warned_by_block
@@ -431,7 +431,7 @@ def study_of(options: SunOptions, scene: AnyScene, areas: bool) -> Study:
         first = _When(None if days is None else tuple(days), step, options.lowest or 0.0, weather is not None)
         when = {first: when.get(first, ())} | when
     if place is None and when:
-        raise InputError("the place is unknown; give a latitude and a longitude, a CRS, or an EPW file")
+        raise InputError(f"{UNKNOWN_PLACE}, a CRS, or an EPW file")
     runs, notes = list[SunRun](), dict[str, None]()
     for each, criteria in when.items():
         assert place is not None
