@@ -1,8 +1,8 @@
 """Cell verdicts: what an occupancy grid knows about all points of a cell.
 
 One ray per region of free cells decides (`query.occupancy_grid`). Where surfaces are closed, this is the verdict. Where
-they are open, it is the parity of all rays through the surface and its caps (`inside_votes`). Rays that cross no cap
-from anywhere in a cell vote for all of its points, and in most cells, no other votes are needed.
+they are open, it is the parity of all rays through the surface and its caps (`inside_votes`). Rays that cross caps
+equally often from anywhere in a cell vote for all of its points, and in most cells, no other votes are needed.
 """
 
 from collections.abc import Callable
@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 
 from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import items, new_ticket, run, thread_count
-from ...kernels.simd import get, load16, put, select, splat16, stack_f32, stack_i32, stack_i64, store, to_i32
-from ...query.cap_columns import ALL
+from ...kernels.simd import get, load16, put, select, splat16, stack_f32, stack_i32, store, to_i32
 from ...query.occupancy_grid import OccupancyGrid, occupancy_grid, regions_of, touch
 from ...query.ray_list import RayArguments
 from .all_hits import INSIDE, count_all
-from .inside_votes import KNOWN, OUTSIDE, UNDECIDED, WITHIN, Caps, ballot_of, find_clear, verdict_of, within_box
+from .inside_votes import KNOWN, OUTSIDE, UNDECIDED, WITHIN, Caps, read_columns, verdict_of, votes_of, within_box
 from .ray_batches import read_point, read_points, run_batches
 from .wide_traversal import BLOCK_WORDS, BLOCKS, LANES, OX
 
@@ -30,6 +29,7 @@ _MANY = 1 << 16  # points that are looked up by several threads
 _GRID_PAYS = 10_000
 """Points after which a grid is made. It takes as long as up to 50,000 points, but far less than the tree before."""
 
+_SIDE = 64  # columns along each side of a grid of caps
 _AROUND = 0.51  # half a cell, and what rounding may move a point beyond it
 
 # --- Making a grid ----------------------------------------------------------------------------------------------------
@@ -40,7 +40,7 @@ def _decide_cells(ticket, grid, sides, regions, odd, columns):
     """Worker: write the verdict on all points of each free cell, or KNOWN."""
     # In: sides (3,) float64, of cells, regions (n,) int32, odd (n,) uint8, by first cell of a region, columns.
     # Out: grid (`OccupancyGrid`)
-    rows, clear = stack_f32(_ROWS), stack_i64(ALL)
+    rows, ballots = stack_f32(_ROWS), stack_i32(_RAYS)
     lower = grid.box
     for b in items(ticket):
         first = b * _RAYS
@@ -51,12 +51,13 @@ def _decide_cells(ticket, grid, sides, regions, odd, columns):
             put(rows, at, np.float32(lower[0, 0] + (x + 0.5) * sides[0]))
             put(rows, at + LANES, np.float32(lower[0, 1] + (row % grid.ny + 0.5) * sides[1]))
             put(rows, at + 2 * LANES, np.float32(lower[0, 2] + (row // grid.ny + 0.5) * sides[2]))
-        find_clear(rows, columns, clear)
+        read_columns(rows, last - first, columns, ballots)
         for cell in range(first, last):
             if regions[cell] >= 0:
-                base, ballot = np.int64(odd[regions[cell]]), ballot_of(clear, cell - first)
-                verdict = verdict_of(ballot, ballot & -base)
-                grid.cells[cell] = verdict if verdict != UNDECIDED else KNOWN + base
+                closed = np.int64(odd[regions[cell]])
+                voted, inside = votes_of(get(ballots, cell - first), closed)
+                verdict = verdict_of(voted, inside)
+                grid.cells[cell] = verdict if verdict != UNDECIDED else KNOWN + closed
 
 
 # --- Looking points up ------------------------------------------------------------------------------------------------
@@ -151,7 +152,8 @@ class CellVerdicts:
 
     def _made_grid(self, time: float, threads: int) -> OccupancyGrid | None:
         grid, caps = occupancy_grid(self._box, len(self._corners)), self._caps
-        columns = None if caps is None else caps.make_columns(0.0 if grid is None else _AROUND * grid.sides, threads)
+        if caps is not None:
+            caps.make_columns(threads)
         if grid is None or not touch(grid, self._corners, threads):
             return None
         if caps is not None and not touch(grid, caps.corners, threads):
@@ -160,10 +162,11 @@ class CellVerdicts:
         first = np.flatnonzero(regions == np.arange(len(regions), dtype=np.int32))
         odd = np.zeros(len(regions), np.uint8)
         odd[first] = self._parities(grid.centres(first), time, threads)
-        if columns is None:
+        if caps is None:
             free = regions >= 0
             grid.cells[free] = odd[regions[free]]
         else:
+            columns = caps.columns_around(_AROUND * grid.sides, _SIDE, threads)
             ticket = new_ticket(-(-len(regions) // _RAYS), _CELLS)
             run(_decide_cells, thread_count(threads), ticket, grid, grid.sides, regions, odd, columns)
         return grid
