@@ -92,22 +92,34 @@ def _look_up(ticket, rays, grid, verdicts):
                 verdicts[first + i] = found if (there >> i) & 1 else np.uint8(OUTSIDE)
 
 
-@kernel
-def _collect(rays, places, points):
-    """Write the origins of some rays of a list."""
-    # In: rays (a `RayList`), places (m,) int64. Out: points (m, 3) float32
-    for i in range(len(places)):
-        points[i, 0], points[i, 1], points[i, 2] = read_point(rays, places[i])
-
-
 class FoundCells(NamedTuple):
     """What the cells of points decide."""
 
-    inside: NDArray[np.bool_]  # (n,): False for points without a verdict
-    places: NDArray[np.int64]  # (m,): the points without a verdict; first those of which nothing is known
-    points: NDArray[np.float32]  # (m, 3): in the scene's frame
+    inside: np.ndarray  # (n,) bool: False for points without a verdict
+    places: np.ndarray  # (m,) int64: the points without a verdict; first those of which nothing is known
+    points: np.ndarray  # (m, 3) float32: in the scene's frame
+    crossings: np.ndarray  # (m,) int64: as in an `Election`, of the others
     unknown: int  # number of points of which nothing is known
-    known: NDArray[np.uint8]  # (m - unknown,): 0 or 1, the parity of all rays from the others
+
+
+@kernel
+def _sort(rays, verdicts, found):
+    """Write the verdicts on the origins of rays, and collect those without one."""
+    # In: rays (a `RayList`), verdicts (n,) uint8. Out: found (`FoundCells`)
+    unknown, known = 0, found.unknown
+    for i in range(rays.n):
+        verdict = np.int64(verdicts[i])
+        found.inside[i] = verdict == WITHIN
+        if verdict >= UNDECIDED:
+            place = unknown
+            if verdict == UNDECIDED:
+                unknown += 1
+            else:
+                place = known
+                known += 1
+            found.crossings[place] = verdict - (KNOWN + 2)
+            found.places[place] = i
+            found.points[place, 0], found.points[place, 1], found.points[place, 2] = read_point(rays, i)
 
 
 class CellVerdicts:
@@ -143,12 +155,11 @@ class CellVerdicts:
         listed, verdicts = rays.packed(), np.empty(rays.n, np.uint8)
         ticket = new_ticket(-(-rays.n // _RAYS), _CHUNK)
         run_batches(_look_up, threads if rays.n >= _MANY else 1, ticket, listed, self._grid, verdicts)
-        unknown, known = np.flatnonzero(verdicts == UNDECIDED), np.flatnonzero(verdicts > UNDECIDED)
-        places = np.concatenate([unknown, known]) if len(known) else unknown
-        points = np.empty((len(places), 3), np.float32)
-        if len(places):
-            _collect(listed, places, points)
-        return FoundCells(verdicts == WITHIN, places, points, len(unknown), verdicts[known] - np.uint8(KNOWN))
+        unknown, left = np.count_nonzero(verdicts == UNDECIDED), np.count_nonzero(verdicts >= UNDECIDED)
+        places, points = np.empty(left, np.int64), np.empty((left, 3), np.float32)
+        found = FoundCells(np.empty(rays.n, np.bool_), places, points, np.empty(left, np.int64), int(unknown))
+        _sort(listed, verdicts, found)
+        return found
 
     def _made_grid(self, time: float, threads: int) -> OccupancyGrid | None:
         grid, caps = occupancy_grid(self._box, len(self._corners)), self._caps
