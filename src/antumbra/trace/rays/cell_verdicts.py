@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...kernels.jit import inlined, kernel
+from ...kernels.marshalling import Packed, packed
 from ...kernels.parallel import items, new_ticket, run, thread_count
 from ...kernels.simd import get, load16, put, select, splat16, stack_f32, stack_i32, store, to_i32
 from ...query.occupancy_grid import OccupancyGrid, occupancy_grid, regions_of, touch
@@ -144,17 +145,19 @@ class CellVerdicts:
         self._along, self._caps = along.astype(np.float32), caps
         self._points = 0
         self._grid: OccupancyGrid | None = None
+        self._packed: Packed | None = None  # the grid, as an argument of kernels
 
     def of(self, rays: RayArguments, threads: int) -> FoundCells | None:
         """What the cells decide about the origins of rays; None as long as there is no grid."""
         before, self._points = self._points, self._points + rays.n
         if before < _GRID_PAYS <= self._points:
             self._grid = self._made_grid(rays.time, threads)
-        if self._grid is None:
+            self._packed = None if self._grid is None else packed(self._grid)
+        if self._packed is None:
             return None
         listed, verdicts = rays.packed(), np.empty(rays.n, np.uint8)
         ticket = new_ticket(-(-rays.n // _RAYS), _CHUNK)
-        run_batches(_look_up, threads if rays.n >= _MANY else 1, ticket, listed, self._grid, verdicts)
+        run_batches(_look_up, threads if rays.n >= _MANY else 1, ticket, listed, self._packed, verdicts)
         unknown, left = np.count_nonzero(verdicts == UNDECIDED), np.count_nonzero(verdicts >= UNDECIDED)
         places, points = np.empty(left, np.int64), np.empty((left, 3), np.float32)
         found = FoundCells(np.empty(rays.n, np.bool_), places, points, np.empty(left, np.int64), int(unknown))

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ...bvh.nodes import wide_tree_of
 from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel
+from ...kernels.marshalling import packed
 from ...kernels.parallel import items, new_ticket
 from ...kernels.simd import (
     bits,
@@ -339,12 +340,13 @@ class Caps:
         box: NDArray[np.float32],
     ) -> None:
         self.tracer, self.corners, self._along, self._box = tracer, corners, along, box
-        self._columns, self._mesh = unknown_columns(along), CapMesh(corners, np.empty((0, 2, 3), np.float32))
+        self._columns = packed(unknown_columns(along))
+        self._mesh = CapMesh(corners, np.empty((0, 2, 3), np.float32))
 
     def make_columns(self, threads: int | None) -> None:
         """Make the columns for points; until then, all rays are traced."""
         self._mesh = CapMesh(self.corners, open_edges(self.corners))
-        self._columns = self.columns_around(0.0, _SIDE, threads)
+        self._columns = packed(self.columns_around(0.0, _SIDE, threads))
 
     def columns_around(self, around: float | NDArray[np.float64], side: int, threads: int | None) -> CapColumns:
         """Columns for the centres of cells, after `make_columns`.
