@@ -31,10 +31,11 @@ def inside_of(bodies: Bodies, rays: RayArguments, threads: int) -> NDArray[np.bo
     if len(found.places):
         along, unknown = _direction(rays), found.unknown
         threads = threads if len(found.places) >= _THREADS_PAY else 1
-        crossings = np.empty(len(found.places), np.int64)
-        crossings[unknown:] = found.known.astype(np.int64) - 2  # parities, see `Election.crossings`
-        crossings[:unknown] = bodies.crossings(_rays_from(found.points[:unknown], along, rays.time), threads)
-        found.inside[found.places] = _by_rays(bodies, _rays_from(found.points, along, rays.time), crossings, threads)
+        if unknown:
+            first = _rays_from(found.points[:unknown], along, rays.time)
+            found.crossings[:unknown] = bodies.crossings(first, threads)
+        others = _rays_from(found.points, along, rays.time)
+        found.inside[found.places] = _by_rays(bodies, others, found.crossings, threads)
     return found.inside
 
 

@@ -11,7 +11,7 @@
 - `raster_bins`: screen bounds of triangles, triangle list of each tile
 - `rasteriser`: `rasterise`, tile by tile
 - `surface_caps`: triangles that close open surfaces
-- `cap_columns`: where rays along axes and diagonals miss all caps
+- `cap_columns`: whether rays along axes and diagonals cross caps an odd number of times
 - `occupancy_grid`: cells that no triangle touches, and their regions
 - `pixel_refinement`: pixels at silhouettes and in penumbrae, and their sub-pixels
 """

@@ -18,7 +18,7 @@ from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import STOP, items, new_ticket, run, thread_count
 
 _FEWEST, _MOST = 1 << 16, 1 << 20  # cells
-_CELLS_PER_FACE = 2
+_CELLS_PER_FACE = 4
 _MARGIN, _HALF = 2.0**-10, 0.5 + 2.0**-10
 _SLIVER = 2.0**-40  # of its longest edges: how far off the plane of a thin triangle may be
 _FINEST = 2.0**-14  # side of a cell, relative to the coordinates, from which on its points round into it

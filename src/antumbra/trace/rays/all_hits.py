@@ -73,12 +73,13 @@ ON_SURFACE = 1 << 30
 """Added to a count by INSIDE for each triangle that the ray's origin is on."""
 
 UNCLEAR = 1 << 30
-"""In a count by POINTS or APART: the ray has more than 16 hits, or by APART, two whose t may be equal."""
+"""In a count by POINTS or APART: the ray has more than 32 hits, or by APART, two whose t may be equal."""
 
 _RAYS = BLOCKS * LANES
-_SPAN_WORDS = 2 * LANES  # a ray's `near` and `far` of at most 16 hits
+_MOST = 2 * LANES  # hits of a ray whose bounds are stored
+_SPAN_WORDS = 2 * _MOST  # `near` and `far`
 _SPANS = _RAYS * _SPAN_WORDS
-_SLOTS = _RAYS * LANES
+_SLOTS = _RAYS * _MOST
 _BELOW, _ABOVE, _TINY = 1.0 - 2.0**-20, 1.0 + 2.0**-20, 2.0**-148  # which give float32 bounds of a t
 _ROWS, _PRECISE = BLOCKS * BLOCK_WORDS, BLOCKS * PRECISE_WORDS
 
@@ -91,7 +92,7 @@ class HitSink(NamedTuple):
     counts: I32Ptr  # int32 *, 64: number of hits of each ray
     total: I32Ptr  # int32 *: number of hits of all rays
     rays: I32Ptr  # int32 *: the ray of each hit that is listed
-    slots: I64Ptr  # int64 *: the slot of its triangle; for the rule POINTS, int32 *, 16 for each ray
+    slots: I64Ptr  # int64 *: the slot of its triangle; for the rule POINTS, int32 *, 32 for each ray
     room: int  # most hits that are listed
     rule: int
     spans: F32Ptr  # float32 *, for the rule POINTS: bounds of the t of each ray's hits
@@ -101,16 +102,19 @@ class HitSink(NamedTuple):
 def _overlaps(sink, i, near, far):
     """The hits (bits) of ray i whose bounds overlap others."""
     spans, n = ptr_at(sink.spans, i * _SPAN_WORDS), np.int64(get(sink.counts, i))
-    return bits((load16(spans, 0) <= far) & (load16(spans, LANES) >= near)) & ((1 << min(n, LANES)) - 1)
+    found = bits((load16(spans, 0) <= far) & (load16(spans, _MOST) >= near))
+    if n > LANES:
+        found |= bits((load16(spans, LANES) <= far) & (load16(spans, _MOST + LANES) >= near)) << LANES
+    return found & ((1 << min(n, _MOST)) - 1)
 
 
 @inlined
 def _add_span(sink, i, slot, near, far):
-    """Count a hit of ray i, which has fewer than 16, by the rule POINTS."""
+    """Count a hit of ray i, which has fewer than 32, by the rule POINTS."""
     n, spans = np.int64(get(sink.counts, i)), ptr_at(sink.spans, i * _SPAN_WORDS)
     put(spans, n, near)
-    put(spans, LANES + n, far)
-    put(sink.slots, i * LANES + n, slot)
+    put(spans, _MOST + n, far)
+    put(sink.slots, i * _MOST + n, slot)
     put(sink.counts, i, np.int32(n + 1))
 
 
@@ -122,14 +126,14 @@ def _add_point(sink, tree, block, i, slot, bounds):
     bounds : (near, far) float32, of its t
     """
     equal, n = _overlaps(sink, i, bounds[0], bounds[1]), np.int64(get(sink.counts, i))
-    if n >= LANES or (equal != 0 and sink.rule == APART):
+    if n >= _MOST or (equal != 0 and sink.rule == APART):
         put(sink.counts, i, np.int32(UNCLEAR))
         return
     if equal:
         ray = ray_of(block, i % LANES)
         t = rounded_t(ray, tree.corners, slot)
         while equal:
-            if rounded_t(ray, tree.corners, np.int64(get(sink.slots, i * LANES + lowest_bit(equal)))) == t:
+            if rounded_t(ray, tree.corners, np.int64(get(sink.slots, i * _MOST + lowest_bit(equal)))) == t:
                 return
             equal &= equal - 1
     _add_span(sink, i, slot, bounds[0], bounds[1])
@@ -146,7 +150,7 @@ def _add_points(sink, tree, block, i, first, hits, bounds):
         k = lowest_bit(hits)
         hits &= hits - 1
         near, far, slot = get(bounds, k), get(bounds, WIDTH + k), np.int64(get(tree.slots, first + k))
-        if np.int64(get(sink.counts, i)) >= LANES or _overlaps(sink, i, near, far) != 0:
+        if np.int64(get(sink.counts, i)) >= _MOST or _overlaps(sink, i, near, far) != 0:
             _add_point(sink, tree, block, i, slot, (near, far))
         else:
             _add_span(sink, i, slot, near, far)

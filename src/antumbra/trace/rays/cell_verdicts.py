@@ -1,8 +1,8 @@
 """Cell verdicts: what an occupancy grid knows about all points of a cell.
 
 One ray per region of free cells decides (`query.occupancy_grid`). Where surfaces are closed, this is the verdict. Where
-they are open, it is the parity of all rays through the surface and its caps (`inside_votes`). Rays that cross no cap
-from anywhere in a cell vote for all of its points, and in most cells, no other votes are needed.
+they are open, it is the parity of all rays through the surface and its caps (`inside_votes`). Rays that cross caps
+equally often from anywhere in a cell vote for all of its points, and in most cells, no other votes are needed.
 """
 
 from collections.abc import Callable
@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...kernels.jit import inlined, kernel
+from ...kernels.marshalling import Packed, packed
 from ...kernels.parallel import items, new_ticket, run, thread_count
-from ...kernels.simd import get, load16, put, select, splat16, stack_f32, stack_i32, stack_i64, store, to_i32
-from ...query.cap_columns import ALL
+from ...kernels.simd import get, load16, put, select, splat16, stack_f32, stack_i32, store, to_i32
 from ...query.occupancy_grid import OccupancyGrid, occupancy_grid, regions_of, touch
 from ...query.ray_list import RayArguments
 from .all_hits import INSIDE, count_all
-from .inside_votes import KNOWN, OUTSIDE, UNDECIDED, WITHIN, Caps, ballot_of, find_clear, verdict_of, within_box
+from .inside_votes import KNOWN, OUTSIDE, UNDECIDED, WITHIN, Caps, read_columns, verdict_of, votes_of, within_box
 from .ray_batches import read_point, read_points, run_batches
 from .wide_traversal import BLOCK_WORDS, BLOCKS, LANES, OX
 
@@ -30,6 +30,7 @@ _MANY = 1 << 16  # points that are looked up by several threads
 _GRID_PAYS = 10_000
 """Points after which a grid is made. It takes as long as up to 50,000 points, but far less than the tree before."""
 
+_SIDE = 64  # columns along each side of a grid of caps
 _AROUND = 0.51  # half a cell, and what rounding may move a point beyond it
 
 # --- Making a grid ----------------------------------------------------------------------------------------------------
@@ -40,7 +41,7 @@ def _decide_cells(ticket, grid, sides, regions, odd, columns):
     """Worker: write the verdict on all points of each free cell, or KNOWN."""
     # In: sides (3,) float64, of cells, regions (n,) int32, odd (n,) uint8, by first cell of a region, columns.
     # Out: grid (`OccupancyGrid`)
-    rows, clear = stack_f32(_ROWS), stack_i64(ALL)
+    rows, ballots = stack_f32(_ROWS), stack_i32(_RAYS)
     lower = grid.box
     for b in items(ticket):
         first = b * _RAYS
@@ -51,12 +52,13 @@ def _decide_cells(ticket, grid, sides, regions, odd, columns):
             put(rows, at, np.float32(lower[0, 0] + (x + 0.5) * sides[0]))
             put(rows, at + LANES, np.float32(lower[0, 1] + (row % grid.ny + 0.5) * sides[1]))
             put(rows, at + 2 * LANES, np.float32(lower[0, 2] + (row // grid.ny + 0.5) * sides[2]))
-        find_clear(rows, columns, clear)
+        read_columns(rows, last - first, columns, ballots)
         for cell in range(first, last):
             if regions[cell] >= 0:
-                base, ballot = np.int64(odd[regions[cell]]), ballot_of(clear, cell - first)
-                verdict = verdict_of(ballot, ballot & -base)
-                grid.cells[cell] = verdict if verdict != UNDECIDED else KNOWN + base
+                closed = np.int64(odd[regions[cell]])
+                voted, inside = votes_of(get(ballots, cell - first), closed)
+                verdict = verdict_of(voted, inside)
+                grid.cells[cell] = verdict if verdict != UNDECIDED else KNOWN + closed
 
 
 # --- Looking points up ------------------------------------------------------------------------------------------------
@@ -91,22 +93,34 @@ def _look_up(ticket, rays, grid, verdicts):
                 verdicts[first + i] = found if (there >> i) & 1 else np.uint8(OUTSIDE)
 
 
-@kernel
-def _collect(rays, places, points):
-    """Write the origins of some rays of a list."""
-    # In: rays (a `RayList`), places (m,) int64. Out: points (m, 3) float32
-    for i in range(len(places)):
-        points[i, 0], points[i, 1], points[i, 2] = read_point(rays, places[i])
-
-
 class FoundCells(NamedTuple):
     """What the cells of points decide."""
 
-    inside: NDArray[np.bool_]  # (n,): False for points without a verdict
-    places: NDArray[np.int64]  # (m,): the points without a verdict; first those of which nothing is known
-    points: NDArray[np.float32]  # (m, 3): in the scene's frame
+    inside: np.ndarray  # (n,) bool: False for points without a verdict
+    places: np.ndarray  # (m,) int64: the points without a verdict; first those of which nothing is known
+    points: np.ndarray  # (m, 3) float32: in the scene's frame
+    crossings: np.ndarray  # (m,) int64: as in an `Election`, of the others
     unknown: int  # number of points of which nothing is known
-    known: NDArray[np.uint8]  # (m - unknown,): 0 or 1, the parity of all rays from the others
+
+
+@kernel
+def _sort(rays, verdicts, found):
+    """Write the verdicts on the origins of rays, and collect those without one."""
+    # In: rays (a `RayList`), verdicts (n,) uint8. Out: found (`FoundCells`)
+    unknown, known = 0, found.unknown
+    for i in range(rays.n):
+        verdict = np.int64(verdicts[i])
+        found.inside[i] = verdict == WITHIN
+        if verdict >= UNDECIDED:
+            place = unknown
+            if verdict == UNDECIDED:
+                unknown += 1
+            else:
+                place = known
+                known += 1
+            found.crossings[place] = verdict - (KNOWN + 2)
+            found.places[place] = i
+            found.points[place, 0], found.points[place, 1], found.points[place, 2] = read_point(rays, i)
 
 
 class CellVerdicts:
@@ -131,27 +145,29 @@ class CellVerdicts:
         self._along, self._caps = along.astype(np.float32), caps
         self._points = 0
         self._grid: OccupancyGrid | None = None
+        self._packed: Packed | None = None  # the grid, as an argument of kernels
 
     def of(self, rays: RayArguments, threads: int) -> FoundCells | None:
         """What the cells decide about the origins of rays; None as long as there is no grid."""
         before, self._points = self._points, self._points + rays.n
         if before < _GRID_PAYS <= self._points:
             self._grid = self._made_grid(rays.time, threads)
-        if self._grid is None:
+            self._packed = None if self._grid is None else packed(self._grid)
+        if self._packed is None:
             return None
         listed, verdicts = rays.packed(), np.empty(rays.n, np.uint8)
         ticket = new_ticket(-(-rays.n // _RAYS), _CHUNK)
-        run_batches(_look_up, threads if rays.n >= _MANY else 1, ticket, listed, self._grid, verdicts)
-        unknown, known = np.flatnonzero(verdicts == UNDECIDED), np.flatnonzero(verdicts > UNDECIDED)
-        places = np.concatenate([unknown, known]) if len(known) else unknown
-        points = np.empty((len(places), 3), np.float32)
-        if len(places):
-            _collect(listed, places, points)
-        return FoundCells(verdicts == WITHIN, places, points, len(unknown), verdicts[known] - np.uint8(KNOWN))
+        run_batches(_look_up, threads if rays.n >= _MANY else 1, ticket, listed, self._packed, verdicts)
+        unknown, left = np.count_nonzero(verdicts == UNDECIDED), np.count_nonzero(verdicts >= UNDECIDED)
+        places, points = np.empty(left, np.int64), np.empty((left, 3), np.float32)
+        found = FoundCells(np.empty(rays.n, np.bool_), places, points, np.empty(left, np.int64), int(unknown))
+        _sort(listed, verdicts, found)
+        return found
 
     def _made_grid(self, time: float, threads: int) -> OccupancyGrid | None:
         grid, caps = occupancy_grid(self._box, len(self._corners)), self._caps
-        columns = None if caps is None else caps.make_columns(0.0 if grid is None else _AROUND * grid.sides, threads)
+        if caps is not None:
+            caps.make_columns(threads)
         if grid is None or not touch(grid, self._corners, threads):
             return None
         if caps is not None and not touch(grid, caps.corners, threads):
@@ -160,10 +176,11 @@ class CellVerdicts:
         first = np.flatnonzero(regions == np.arange(len(regions), dtype=np.int32))
         odd = np.zeros(len(regions), np.uint8)
         odd[first] = self._parities(grid.centres(first), time, threads)
-        if columns is None:
+        if caps is None:
             free = regions >= 0
             grid.cells[free] = odd[regions[free]]
         else:
+            columns = caps.columns_around(_AROUND * grid.sides, _SIDE, threads)
             ticket = new_ticket(-(-len(regions) // _RAYS), _CELLS)
             run(_decide_cells, thread_count(threads), ticket, grid, grid.sides, regions, odd, columns)
         return grid

@@ -5,9 +5,9 @@ whether a ray crosses surfaces an odd number of times. The caps of `query.surfac
 parity differs from that of the first ray by the caps that the two cross. The exact rule INSIDE of `all_hits` counts
 both, so this holds for every point that is not on a cap.
 
-The first votes are those of all rays whose columns hold no caps (`query.cap_columns`), which decide about most points.
-The others have only as many rays traced as they need at least for a verdict, then as many again. The rays of all points
-of a group form full batches. Bit k of a ballot is the vote of the ray that is traced k-th.
+The first votes are those of all rays about which columns of caps know (`query.cap_columns`), which decide about most
+points. The others have only as many rays traced as they need at least for a verdict, then as many again. The rays of
+all points of a group form full batches. Bit k of a ballot is the vote of the k-th ray, by the order of votes.
 """
 
 from typing import NamedTuple
@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from ...bvh.nodes import wide_tree_of
 from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel
+from ...kernels.marshalling import packed
 from ...kernels.parallel import items, new_ticket
 from ...kernels.simd import (
     bits,
     fma,
-    gather,
     get,
     load16,
     lowest_bit,
@@ -34,10 +34,22 @@ from ...kernels.simd import (
     stack_f32,
     stack_f64,
     stack_i32,
-    stack_i64,
+    store,
     to_i32,
 )
-from ...query.cap_columns import ALL, AXES, LINES, SIDE, CapColumns, cap_columns, unknown_columns
+from ...query.cap_columns import (
+    ALL,
+    AWAY,
+    AXES,
+    LINES,
+    WORDS,
+    CapColumns,
+    CapMesh,
+    cap_columns,
+    look_up,
+    unknown_columns,
+)
+from ...query.closed_surfaces import open_edges
 from ...query.occupancy_grid import FREE, TOUCHED
 from ...query.ray_list import RayArguments
 from .all_hits import INSIDE, ON_SURFACE, HitSink, walk_batch
@@ -56,8 +68,9 @@ _RAYS = BLOCKS * LANES
 _ROWS, _PRECISE = BLOCKS * BLOCK_WORDS, BLOCKS * PRECISE_WORDS
 _GROUP = 4 * _RAYS  # points whose rays form batches
 _PLACES = 3 * _GROUP
-_FIRST, _LAST = np.float32(0.0), np.float32(SIDE - 1)  # columns
-_AWAY = AXES + (ALL - AXES) // 2  # diagonals before this one lead away from most caps
+_SIDE = 128  # columns along each side of a grid
+_ODD = 16  # of ballots: bits of rays that cross caps an odd number of times come after those of rays that have voted
+_ZERO = np.float32(0.0)
 
 
 class Election(NamedTuple):
@@ -71,14 +84,7 @@ class Election(NamedTuple):
 # --- Counting votes ---------------------------------------------------------------------------------------------------
 
 
-@inlined
-def _traced_at(step):
-    """The ray that is traced k-th: the first one, diagonals that lead away from caps, axes, other diagonals."""
-    k = step + AXES - 1 if step <= _AWAY - AXES else step - (_AWAY - AXES)
-    return step if step == 0 or step >= _AWAY else k
-
-
-_ALONG_AXES = 1 | ((1 << (AXES - 1)) - 1) << (1 + _AWAY - AXES)
+_ALONG_AXES = 1 | ((1 << (AXES - 1)) - 1) << (1 + AWAY)
 """The votes of rays along the axes."""
 
 _ALL_VOTES = (1 << ALL) - 1
@@ -107,7 +113,7 @@ def _needed(voted, inside):
     return max(min(MOST - yes, ALL + 1 - MOST - popcount(voted) + yes), 1)
 
 
-# --- Rays that miss all caps ------------------------------------------------------------------------------------------
+# --- Votes without rays -----------------------------------------------------------------------------------------------
 
 
 @inlined
@@ -119,26 +125,45 @@ def _coordinate(block, columns, line, row):
 
 
 @inlined
-def _column(place):
+def _column(place, last):
     """The number of a column across a line; those at the rims hold all beyond."""
-    place = select(place >= _FIRST, place, _FIRST)  # false for NaN
-    return to_i32(select(place <= _LAST, place, _LAST))
+    place = select(place >= _ZERO, place, _ZERO)  # false for NaN
+    return to_i32(select(place <= last, place, last))
 
 
 @inlined
-def find_clear(rows, columns, clear):
-    """Write, for each direction, the points (bits) from which no cap is in the ray's column."""
-    depths = ptr(columns.depths)
+def read_columns(rows, n, columns, ballots):
+    """Write what columns say about the rays from the first n points of some blocks.
+
+    ballots : int32 *, for each point; bit k is set if the k-th ray has voted, bit ``_ODD + k`` if it also crosses caps
+        an odd number of times
+    """
+    numbers, depths = stack_i32(_RAYS), stack_f32(_RAYS)
+    side = columns.depths.shape[1]
+    for at in range(0, n, LANES):
+        store(ballots, at, splat16(np.int32(0)))
     for line in range(LINES):
-        ahead, behind = np.int64(0), np.int64(0)
-        for j in range(BLOCKS):
-            block = ptr_at(rows, j * BLOCK_WORDS)
-            u, v = _column(_coordinate(block, columns, line, 0)), _column(_coordinate(block, columns, line, 1))
-            depth, at = _coordinate(block, columns, line, 2), ((u + np.int32(line * SIDE)) * np.int32(SIDE) + v) << 1
-            ahead |= bits(depth > gather(depths, at + np.int32(1))) << (j * LANES)
-            behind |= bits(depth < gather(depths, at)) << (j * LANES)
-        put(clear, columns.ends[line, 0], ahead)
-        put(clear, columns.ends[line, 1], behind)
+        for at in range(0, n, LANES):
+            block, last = ptr_at(rows, at // LANES * BLOCK_WORDS), splat16(np.float32(side - 1))
+            u = _column(_coordinate(block, columns, line, 0), last)
+            store(numbers, at, u * np.int32(side) + _column(_coordinate(block, columns, line, 1), last))
+            store(depths, at, _coordinate(block, columns, line, 2))
+        one, other = columns.ends[line, 0], columns.ends[line, 1]
+        words = ptr_at(ptr(columns.depths), line * side * side * WORDS)
+        for i in range(n):
+            said = look_up(ptr_at(words, np.int64(get(numbers, i)) * WORDS), get(depths, i))
+            voted, odd = (said & 1) << one | ((said >> 1) & 1) << other, ((said >> 2) & 1) << one | (said >> 3) << other
+            put(ballots, i, np.int32(get(ballots, i) | voted | odd << _ODD))
+
+
+@inlined
+def votes_of(ballot, closed):
+    """(rays that have voted, those that vote for inside) by a ballot of `read_columns`: bits.
+
+    closed : the parity of all rays through the surface and its caps
+    """
+    voted = np.int64(ballot) & _ALL_VOTES
+    return voted, voted & ((np.int64(ballot) >> _ODD) ^ -np.int64(closed))
 
 
 # --- The election -----------------------------------------------------------------------------------------------------
@@ -170,49 +195,38 @@ def within_box(block, bounds):
 
 
 @inlined
-def ballot_of(clear, i):
-    """The rays (bits) from point i of a batch that cross no cap; clear: from `find_clear`."""
-    ballot = np.int64(0)
-    for step in range(ALL):
-        ballot |= ((get(clear, _traced_at(step)) >> i) & 1) << step
-    return ballot
-
-
-@inlined
-def _first_verdict(voters, point, crossings, clear):
-    """The verdict on a point of a group by rays that cross no cap; clear: those rays (bits)."""
+def _first_verdict(voters, point, crossings, ballot):
+    """The verdict on a point of a group by its ballot."""
     if crossings >= ON_SURFACE:
         return np.int64(WITHIN)
-    odd, voted = crossings & 1, clear
-    inside = clear & -odd
-    put(voters.odd, point, odd)
-    put(voters.voted, point, voted)
+    known, closed = crossings < 0 or (ballot & 1) != 0, crossings & 1  # closed: or of the surface alone
+    if crossings >= 0:
+        closed ^= (np.int64(ballot) >> _ODD) & 1
+    voted, inside = votes_of(ballot, closed)
+    put(voters.odd, point, closed)
     put(voters.inside, point, inside)
-    known = crossings < 0 or (clear & 1) != 0
-    if not known:
-        put(voters.voted, point, voted | _ALL_VOTES + 1)  # its parity is that of no closed surface yet
-        return np.int64(UNDECIDED)
-    return verdict_of(voted, inside)
+    put(voters.voted, point, voted if known else voted | _ALL_VOTES + 1)
+    return verdict_of(voted, inside) if known else np.int64(UNDECIDED)
 
 
 @inlined
 def _admit(rows, rays, election, columns, voters, first, verdicts):
-    """Read a group of points, from `first` on, and write the verdicts of rays that cross no cap, or UNDECIDED.
+    """Read a group of points, from `first` on, and write the verdicts without further rays, or UNDECIDED.
 
     Return how many points are undecided. verdicts : uint8 *, of the group
     """
-    left, clear = 0, stack_i64(ALL)
+    left, ballots = 0, stack_i32(_RAYS)
     for begin in range(first, min(first + _GROUP, rays.n), _RAYS):
         within, n = np.int64(0), min(rays.n - begin, _RAYS)
         for j in range((n + LANES - 1) // LANES):
             block = ptr_at(rows, j * BLOCK_WORDS)
             read_points(rays, begin + j * LANES, block)
             within |= within_box(block, election.bounds) << (j * LANES)
-        find_clear(rows, columns, clear)
+        read_columns(rows, n, columns, ballots)
         for i in range(n):
             point, verdict = begin - first + i, np.int64(OUTSIDE)
             if (within >> i) & 1:
-                verdict = _first_verdict(voters, point, election.crossings[begin + i], ballot_of(clear, i))
+                verdict = _first_verdict(voters, point, election.crossings[begin + i], get(ballots, i))
             put(verdicts, point, np.uint8(verdict))
             if verdict == UNDECIDED:
                 at = i // LANES * BLOCK_WORDS + OX + i % LANES
@@ -226,10 +240,10 @@ def _admit(rows, rays, election, columns, voters, first, verdicts):
 @inlined
 def _enter(batch, voters, columns, slots, slot, point, step):
     """Give a slot of a batch the ray from a point that votes at a step."""
-    rows, lane, k = block_of(batch, slot // LANES).rows, slot % LANES, _traced_at(step)
+    rows, lane = block_of(batch, slot // LANES).rows, slot % LANES
     for axis in range(3):
         put(rows, OX + LANES * axis + lane, get(voters.places, 3 * point + axis))
-        put(rows, DX + LANES * axis + lane, columns.directions[k, axis])
+        put(rows, DX + LANES * axis + lane, columns.directions[step, axis])
     put(slots.points, slot, np.int32(point))
     put(slots.steps, slot, np.int32(step))
 
@@ -326,15 +340,21 @@ class Caps:
         box: NDArray[np.float32],
     ) -> None:
         self.tracer, self.corners, self._along, self._box = tracer, corners, along, box
-        self._columns = unknown_columns(along)
+        self._columns = packed(unknown_columns(along))
+        self._mesh = CapMesh(corners, np.empty((0, 2, 3), np.float32))
 
-    def make_columns(self, around: float | NDArray[np.float64], threads: int | None) -> CapColumns:
-        """Make the columns, for points around the centres of cells; until then, caps may be anywhere.
+    def make_columns(self, threads: int | None) -> None:
+        """Make the columns for points; until then, all rays are traced."""
+        self._mesh = CapMesh(self.corners, open_edges(self.corners))
+        self._columns = packed(self.columns_around(0.0, _SIDE, threads))
+
+    def columns_around(self, around: float | NDArray[np.float64], side: int, threads: int | None) -> CapColumns:
+        """Columns for the centres of cells, after `make_columns`.
 
         around : half the sides of the cells, (3,), or one number
+        side : columns along each side of a grid
         """
-        self._columns = cap_columns(self.corners, self._along, self._box, around, threads)
-        return self._columns
+        return cap_columns(self._mesh, self._along, self._box, side, around, threads)
 
     def verdicts(self, rays: RayArguments, election: Election, threads: int | None = None) -> NDArray[np.uint8]:
         """(n,) uint8: the verdicts on the origins of first rays: OUTSIDE, WITHIN or ON_CAP."""
