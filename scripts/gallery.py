@@ -41,7 +41,7 @@ PARTS = {
     "ray_hierarchy": (0.35, 0.06, 0.66),
     "shadow_map": (0.1, 0.19, 0.68),
 }
-"""Left, upper and right edge of what the thumbnail of a chart or a sheet of pictures shows, as fractions of the width and height."""
+"""Left, upper and right edge of what the thumbnail of a chart or sheet shows, as fractions of the width and height."""
 
 CREDITS = {
     "delft_city": "Model: a part of Delft, by 3dfier of TU Delft, from the open data BGT and AHN.",
