@@ -23,7 +23,7 @@ else:
     ball = trimesh.creation.icosphere(2, 0.35)
     mesh = trimesh.util.concatenate([ball.copy().apply_translation(centre) for centre in centres])
 
-scene = at.load(mesh)  # directly, without a file
+scene = at.load(mesh, up="y")  # directly, without a file
 centre, size = scene.bounds.mean(0), np.ptp(scene.bounds, axis=0).max()
 towards = np.array([[1.0, 0.5, 0.5], [-1.0, 0.5, 0.5], [0.0, 1.0, -1.0]])  # a red, a green and a blue lamp
 lamps = [at.SphereLight(centre + size * d, 0.1 * size, colour=c) for d, c in zip(towards, np.eye(3))]

@@ -34,13 +34,14 @@ PARTS = {
     "comparison": (0.0, 0.0, 0.5),
     "culling": (0.0, 0.12, 0.333),
     "dataset": (0.0, 0.0, 0.5),
+    "day": (0.0, 0.5, 0.5),
     "heat_map": (0.0, 0.12, 0.5),
     "horizon": (0.08, 0.1, 0.72),
     "map_sheet": (0.154, 0.22, 0.612),
     "ray_hierarchy": (0.35, 0.06, 0.66),
     "shadow_map": (0.1, 0.19, 0.68),
 }
-"""Left, upper and right edge of what the thumbnail of a chart shows, as fractions of the width and height."""
+"""Left, upper and right edge of what the thumbnail of a chart or sheet shows, as fractions of the width and height."""
 
 CREDITS = {
     "delft_city": "Model: a part of Delft, by 3dfier of TU Delft, from the open data BGT and AHN.",

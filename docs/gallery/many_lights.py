@@ -1,10 +1,8 @@
 """Many lights
 
-An atrium under 600 bulbs, whose colours change across the court. They are one light, `PointLights`, and each bulb has
-exact shadows.
+A city at night under 600 lamps, warm in the streets and coloured in the park. They are one light, `PointLights`, and
+each lamp has exact shadows.
 """
-
-import colorsys
 
 import numpy as np
 
@@ -13,10 +11,15 @@ import antumbra as at
 SIZE = 1024, 640
 COUNT = 600
 TRIANGLES = 200_000
-scene = at.procedural("atrium", triangles=TRIANGLES)
+scene = at.procedural("city", triangles=TRIANGLES)
 rng = np.random.default_rng(4)
-(x0, _, z0), (x1, _, z1) = scene.bounds
-places = np.stack([rng.uniform(0.8 * x0, 0.8 * x1, COUNT), rng.uniform(1, 6, COUNT), rng.uniform(z0, z1, COUNT)], 1)
-colours = [colorsys.hsv_to_rgb(hue, 0.85, 1.0) for hue in (places[:, 0] - x0) / (x1 - x0)]
-bulbs = at.PointLights(places, colours=colours, nearest=0.3, interleave=True)
-at.render(scene, scene.cameras[0].resized(*SIZE), bulbs, filter=True).save("many_lights.png")
+above = np.stack([rng.uniform(-100, 100, 4000), np.full(4000, 100.0), rng.uniform(-100, 100, 4000)], 1)
+ground = scene.closest_hit(above, (0, -1, 0)).t > 99.4  # not on a roof, a car or a tree
+lamps = (above[ground] - (0, 96, 0))[:COUNT]
+park = np.abs(lamps[:, [0, 2]]).max(1) < 20
+colours = np.where(park[:, None], rng.dirichlet((0.4, 0.4, 0.4), len(lamps)), (1.0, 0.6, 0.25))
+bulbs = at.PointLights(lamps, colours=colours, nearest=1.0, interleave=True)
+night = {"ambient": False, "background": False}
+camera = at.Camera((95, 60, 95), (0, 0, 0), vfov=34, width=SIZE[0], height=SIZE[1])
+frame = at.render(scene, camera, [bulbs, at.Sky((0.3, 0.4, 1.0), intensity=0.004)], filter=True, **night)
+frame.save("many_lights.png", background=(0.03, 0.04, 0.1))

@@ -13,10 +13,23 @@ if TYPE_CHECKING:
 
 # --- Panels and colour bars -------------------------------------------------------------------------------------------
 
-_PAPER, _INK, _FAINT = (30, 30, 34), (236, 236, 236), (160, 160, 166)
+RGB = tuple[int, int, int]
 _MIN_WIDTH = 240  # of a panel's labels, in pixels
 _MIN_FONT, _MAX_FONT = 7, 22  # sizes in pixels
 _COLUMNS = 4  # panels in a row, at most
+
+
+class Paper(NamedTuple):
+    """The colours of a sheet around its panels, in sRGB."""
+
+    ground: RGB
+    ink: RGB
+    faint: RGB  # of numbers and further lines
+
+
+DARK = Paper((30, 30, 34), (236, 236, 236), (160, 160, 166))
+LIGHT = Paper((240, 240, 241), (28, 28, 32), (84, 84, 90))
+"""Of studies, which people print and put into reports."""
 
 
 class Panel(NamedTuple):
@@ -34,7 +47,7 @@ class ColourBar(NamedTuple):
     caption: str
 
 
-def panel_sheet(panels: Sequence[Panel], bar: ColourBar) -> NDArray[np.uint8]:
+def panel_sheet(panels: Sequence[Panel], bar: ColourBar, paper: Paper = DARK) -> NDArray[np.uint8]:
     """(H, W, 3) uint8 sRGB: rows of panels above a colour bar. All panels have one size and number of lines."""
     from PIL import Image, ImageDraw
 
@@ -45,29 +58,29 @@ def panel_sheet(panels: Sequence[Panel], bar: ColourBar) -> NDArray[np.uint8]:
     rows = -(-len(panels) // _COLUMNS)
     columns, pitch = -(-len(panels) // rows), above + h + gap // 2
     width = gap + columns * (cell + gap)
-    bar_image = draw_bar(bar, width - 2 * gap, letters)
-    image = Image.new("RGB", (width, rows * pitch + len(bar_image) + gap // 2), _PAPER)
+    bar_image = draw_bar(bar, width - 2 * gap, letters, paper)
+    image = Image.new("RGB", (width, rows * pitch + len(bar_image) + gap // 2), paper.ground)
     draw = ImageDraw.Draw(image)
     for i, (picture, lines) in enumerate(panels):
         x, y = gap + i % columns * (cell + gap), i // columns * pitch
         for k, text in enumerate(lines):
-            _write(draw, (x, y + gap // 2 + k * line), text, letters, cell, _FAINT if k else _INK)
+            _write(draw, (x, y + gap // 2 + k * line), text, letters, cell, paper.faint if k else paper.ink)
         image.paste(Image.fromarray(picture), (x, y + above))
     image.paste(Image.fromarray(bar_image), (gap, rows * pitch))
     return np.asarray(image)
 
 
-def draw_bar(bar: ColourBar, width: int, letters: int) -> NDArray[np.uint8]:
+def draw_bar(bar: ColourBar, width: int, letters: int, paper: Paper = DARK) -> NDArray[np.uint8]:
     """(H, width, 3) uint8 sRGB: a caption, the colours, and numbers below them; `letters`: font size in pixels."""
     from PIL import Image, ImageDraw
 
     line = round(1.4 * letters)
-    image = Image.new("RGB", (width, 2 * line + letters), _PAPER)
+    image = Image.new("RGB", (width, 2 * line + letters), paper.ground)
     draw = ImageDraw.Draw(image)
-    _write(draw, (0, 0), bar.caption, letters, width, _INK)
+    _write(draw, (0, 0), bar.caption, letters, width, paper.ink)
     at = np.linspace(0, len(bar.colours) - 1, width).round().astype(np.int64)
     image.paste(Image.fromarray(np.broadcast_to(bar.colours[at], (letters, width, 3)).copy()), (0, line))
-    _write_ticks(draw, bar.ticks, line + letters, width, letters)
+    _write_ticks(draw, bar.ticks, line + letters, letters, width, paper.faint)
     return np.asarray(image)
 
 
@@ -76,8 +89,8 @@ def blank_panel(shape: tuple[int, int], text: str) -> NDArray[np.uint8]:
     from PIL import Image, ImageDraw
 
     (h, w), size = shape, letter_size(shape[1])
-    image = Image.new("RGB", (w, h), tuple(2 * c for c in _PAPER))
-    _write(ImageDraw.Draw(image), (size, h // 2 - size), text, size, w - 2 * size, _FAINT)
+    image = Image.new("RGB", (w, h), tuple(2 * c for c in DARK.ground))
+    _write(ImageDraw.Draw(image), (size, h // 2 - size), text, size, w - 2 * size, DARK.faint)
     return np.asarray(image)
 
 
@@ -86,7 +99,9 @@ def letter_size(width: int) -> int:
     return min(max(width // 24, 13), _MAX_FONT)
 
 
-def _write_ticks(draw: "ImageDraw", ticks: Sequence[tuple[float, str]], y: int, length: int, letters: int) -> None:
+def _write_ticks(
+    draw: "ImageDraw", ticks: Sequence[tuple[float, str]], y: int, letters: int, length: int, colour: RGB
+) -> None:
     """Draw the numbers under a bar: every k-th, with the smallest k for which they fit."""
     font, last = _font(letters), len(ticks) - 1
     lefts = [min(max(length * at - font.getlength(text) / 2, 0), length - font.getlength(text)) for at, text in ticks]
@@ -98,12 +113,10 @@ def _write_ticks(draw: "ImageDraw", ticks: Sequence[tuple[float, str]], y: int, 
 
     every = next((k for k in range(1, last) if last % k == 0 and fits(k)), max(last, 1))
     for i in range(0, last + 1, every):
-        draw.text((lefts[i], y + letters // 6), ticks[i][1], _FAINT, font)
+        draw.text((lefts[i], y + letters // 6), ticks[i][1], colour, font)
 
 
-def _write(
-    draw: "ImageDraw", at: tuple[int, int], text: str, letters: int, width: int, colour: tuple[int, int, int]
-) -> None:
+def _write(draw: "ImageDraw", at: tuple[int, int], text: str, letters: int, width: int, colour: RGB) -> None:
     """Draw a line of text in the largest font size, at most `letters` pixels, that fits into `width`."""
     while letters > _MIN_FONT and _font(letters).getlength(text) > width:
         letters -= 1

@@ -9,11 +9,11 @@ from antumbra.city.tables import false_colours
 from antumbra.city.tables.false_colours import column_scale, column_values, project_points
 from antumbra.city.tables.map_scale import map_scale
 from antumbra.city.tables.result_table import Column
-from antumbra.picture.heat_maps import heat_colours
+from antumbra.picture.heat_maps import heat_colours, letter_size
 from antumbra.scene.camera import fitted_camera
 from result_tables import hill, table
 
-GREY = (70, 70, 70)
+GREY = (200, 200, 200)
 
 
 def picture(made, folder, column=None):
@@ -41,7 +41,7 @@ def test_a_map_has_the_colours_of_its_cells_north_up(tmp_path):
 def test_each_column_has_its_own_title_and_legend(tmp_path, monkeypatch):
     told = []
     monkeypatch.setattr(
-        false_colours, "panel_sheet", lambda panels, bar: told.append((panels, bar)) or np.zeros((4, 4, 3), "u1")
+        false_colours, "panel_sheet", lambda panels, bar, paper: told.append((panels, bar)) or np.zeros((4, 4, 3), "u1")
     )
     made = table("raster")
     made.columns["hours"] = Column(np.linspace(0.0, 12.0, 120), "h", "hours of direct sun")
@@ -80,7 +80,8 @@ def test_points_are_discs_rings_behind_surfaces_and_colour_nothing_else(tmp_path
     fails, passes = (
         each.colour for each in map_scale(made["q_passes"], made["q_passes"] >= 0, name="q_passes").classes
     )
-    top, left = np.argwhere((drawn[:400, :400] == 30).all(-1)).min(0)
+    letters = letter_size(400)
+    top, left = letters // 2 + 2 * round(1.4 * letters) + letters // 4, letters  # below two lines
     view = drawn[top : top + 300, left : left + 400]
     discs, rings = (np.argwhere((view == colour).all(-1)) for colour in (passes, fails))
     assert np.abs(discs.mean(0) - project_points(made.camera, places[:1])[0, ::-1]).max() < 1.0

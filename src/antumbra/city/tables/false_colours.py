@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from ...engine.scene import AnyScene
 from ...formats.gltf.gltf_writer import TRIANGLES, GltfWriter, Json, up_axis_transform
 from ...kernels.elementary import tan
-from ...picture.heat_maps import ColourBar, Panel, Scale, linear_scale, linear_ticks, panel_sheet
+from ...picture.heat_maps import LIGHT, ColourBar, Panel, Scale, linear_scale, linear_ticks, panel_sheet
 from ...picture.renderer import render
 from ...query.nearest_points import PointTree
 from ...scene.camera import Camera, ExplicitRays, axes, fitted_camera
@@ -41,7 +41,7 @@ def project_points(camera: Camera, points: NDArray[np.float64]) -> NDArray[np.fl
 _SIZE = 1024  # pixels: width of a picture, and minimum width of a map
 _MOST_PIXELS = 4096  # maximum side of a map
 _DARKEST = 0.45  # factor on a colour where no ambient light arrives
-_NOWHERE = 70  # grey of surfaces without a value
+_NOWHERE = 200  # grey of surfaces without a value
 _DOT = 5  # pixels: radius of a mark
 _POINTS = "discs: points; rings: points behind surfaces"
 _OFF = 0.05  # metres: how far off their surface sensors must be hidden
@@ -63,7 +63,7 @@ def false_colours(table: Any, name: str) -> NDArray[np.uint8]:
     unit = table.columns[name].unit
     lines = [heading_of(table, name), *([_POINTS] if _shows_points(table) else [])]
     panel = Panel(_dotted(picture, places), lines)
-    return panel_sheet([panel], scale.bar(f"{name} [{unit}]" if unit else name))
+    return panel_sheet([panel], scale.bar(f"{name} [{unit}]" if unit else name), LIGHT)
 
 
 def heading_of(table: Any, name: str) -> str:
@@ -165,7 +165,7 @@ def _view(table: Any, values: np.ndarray, scale: Scale | SheetScale) -> tuple[ND
     frame = render(scene, camera, [AmbientOcclusion()], spp=16, materials="diffuse")
     buffer = frame.gbuffer
     covered = buffer.face >= 0
-    colours = np.full((*covered.shape, 3), 30, np.uint8)
+    colours = np.full((*covered.shape, 3), LIGHT.ground, np.uint8)
     at = buffer.position[covered] + buffer.origin
     if _shows_points(table):
         surface_values = np.full(int(covered.sum()), np.nan)
