@@ -206,7 +206,7 @@ class RenderOptions:
     bounce_step: int = option(
         1,
         _bounce_step,
-        "Trace bounced light at every N-th pixel and row. N is 1, 2, 4 or 8; pixels in between are interpolated.",
+        "Trace bounced light at one of N x N pixels, and interpolate the others; N is 1, 2, 4 or 8.",
         panel="Light",
         kind=int,
         start=None,
