@@ -11,7 +11,7 @@ from ..picture.png_files import png_file
 from ..scene.lights import DirectionalLight
 from .gizmos import Face, Probe, Sight, answer_of
 from .progressive_pictures import TracedPicture
-from .render_words import render_command
+from .render_words import left_out, render_command
 from .viewer_model import BOX_TESTS, LIGHT_SHARE, SHADED, Model, sun_angles
 
 _HINT = "Click or tap a surface to see which lights reach it, and what blocks the others."
@@ -136,7 +136,9 @@ class Controls:
             old.remove()
         text = escape(render_command(self._model, camera))
         code = f"<code data-copy style='overflow-wrap: anywhere'>{text}</code>"
-        html = f"<div style='{_STYLE}'><output></output><br>{code}</div>"
+        missing = left_out(self._model)
+        note = f"<br>It leaves out {escape(', '.join(missing))}." if missing else ""
+        html = f"<div style='{_STYLE}'><output></output><br>{code}{note}</div>"
         self._commands[client.client_id] = client.gui.add_html(html, order=0.4)
 
     def forget(self, client_id: int) -> None:
