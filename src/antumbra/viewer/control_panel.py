@@ -5,6 +5,7 @@ from collections.abc import Callable
 from datetime import date
 from functools import partial
 from html import escape
+from itertools import count
 from typing import Any
 
 from ..picture.png_files import png_file
@@ -38,6 +39,7 @@ class Controls:
         self._sun: Any = None  # the folder of its controls
         self._boxes: dict[str, Any] = {}  # of the lights
         self._commands: dict[int, Any] = {}  # browser -> the command that it copied
+        self._numbers = count(1)  # of these commands
         self.sliders: dict[str, Any] = {}
         self._status = self._gui.add_markdown("Preparing the first picture ...")
         self._legend: Any = None
@@ -135,7 +137,7 @@ class Controls:
         if old := self._commands.pop(client.client_id, None):
             old.remove()
         text = escape(render_command(self._model, camera))
-        code = f"<code data-copy style='overflow-wrap: anywhere'>{text}</code>"
+        code = f"<code data-copy='{next(self._numbers)}' style='overflow-wrap: anywhere'>{text}</code>"
         missing = left_out(self._model)
         note = f"<br>It leaves out {escape(', '.join(missing))}." if missing else ""
         html = f"<div style='{_STYLE}'><output></output><br>{code}{note}</div>"
