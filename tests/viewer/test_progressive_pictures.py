@@ -138,6 +138,21 @@ def test_the_exposure_is_steady_until_the_light_changes_much(model, camera):
     assert model.exposure > first
 
 
+def test_a_light_that_changes_while_a_picture_is_traced_is_metered_in_the_next_one(model, camera):
+    trace_picture(model, camera, FINE)
+    first, late = model.exposure, []
+
+    def sink(*_):
+        if not late:
+            late.append(model.aim_sun(170.0, 5.0))
+
+    model.aim_sun(170.0, 44.0)
+    trace_picture(model, camera, FINE, sink)
+    assert late and model.exposure == first
+    trace_picture(model, camera, FINE)
+    assert model.exposure > first
+
+
 def test_sunlight_in_a_shady_place_keeps_its_shades():
     def frame(sun, shade):
         image = np.concatenate([np.full((40, 3), sun), np.full((360, 3), shade)]).astype(np.float32).reshape(20, 20, 3)

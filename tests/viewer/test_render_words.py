@@ -7,7 +7,7 @@ import pytest
 
 import antumbra as at
 from antumbra.cli.arguments import make_camera, make_picture_lights, parse_camera, parse_light, parse_sky
-from antumbra.viewer.render_words import light_word, render_command
+from antumbra.viewer.render_words import left_out, light_word, render_command
 from antumbra.viewer.viewer_model import Model
 from pages import CAMERA, SUN, box_on_floor
 
@@ -23,7 +23,7 @@ FIELDS = "direction", "position", "center", "corner", "u", "v", "normal", "radiu
 
 def read(command, scene):
     """The camera and the lights of a command."""
-    words = [word.partition("=") for word in shlex.split(command, comments=True)[3:]]
+    words = [word.partition("=") for word in shlex.split(command)[3:]]
     options = [(name, value) for name, _, value in words]
     pairs = [option for option in options if option[1]]
     plain = [name for name, value in options if not value]
@@ -38,18 +38,7 @@ def read(command, scene):
 
 def same(a, b):
     assert type(a) is type(b) and a.intensity == pytest.approx(b.intensity)
-    for name in (
-        "direction",
-        "position",
-        "center",
-        "corner",
-        "u",
-        "v",
-        "normal",
-        "radius",
-        "angular_diameter",
-        "image",
-    ):
+    for name in FIELDS:
         x, y = getattr(a, name, None), getattr(b, name, None)
         assert (x is None) == (y is None)
         if x is not None:
@@ -84,8 +73,23 @@ def test_a_moved_sun_stays_with_its_sky_and_lights_that_are_off_stay_off():
             same(light, lamp.light)
 
 
-def test_what_the_command_line_cannot_say_is_in_a_comment():
+def test_what_the_command_line_cannot_say_is_beside_the_command():
     red = at.PointLight((0.0, 3.0, 0.0), colour=(1.0, 0.0, 0.0)).named("lamp")
     bright = at.Sky(intensity=2.0).named("bright")
-    command = render_command(Model(box_on_floor(), [red, SUN, bright], CAMERA), CAMERA)
-    assert command.endswith("# without bright, the colour of lamp") and command.count("--light=") == 2
+    model = Model(box_on_floor(), [red, SUN, bright], CAMERA)
+    assert left_out(model) == ["bright", "the colour of lamp"]
+    command = render_command(model, CAMERA)  # not every shell reads comments
+    assert command.count("--light=") == 2 and "#" not in command and "bright" not in command
+    assert left_out(Model(box_on_floor(), camera=CAMERA)) == []
+
+
+def test_places_are_exact_far_from_the_origin():
+    far = np.array([5e5, 5e6, 10.0])
+    corners = far + np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.3]]])
+    lamp = at.PointLight(far + (0.123456, 0.234567, 0.75))
+    model = Model(at.Scene.from_arrays(corners, up="z"), lamp)
+    shown = at.Camera(far + (1.234567, 2.345678, 2.0), far + 0.3456789, (0, 0, 1), 40.0, 64, 48)
+    camera, (light,) = read(render_command(model, shown), model.scene)
+    np.testing.assert_allclose(camera.position, shown.position, rtol=0.0, atol=1e-6)
+    np.testing.assert_allclose(camera.target, shown.target, rtol=0.0, atol=1e-6)
+    np.testing.assert_allclose(light.position, lamp.position, rtol=0.0, atol=1e-6)

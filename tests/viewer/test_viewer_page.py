@@ -197,6 +197,10 @@ def test_the_command_of_a_view_is_copied(page, viewer):
     command = page.evaluate("navigator.clipboard.readText()")
     assert command == render_command(viewer._model, viewer.camera) and page.get_by_text(command).count() == 1
     assert command.startswith("antumbra render 'box & floor' --size ") and " --camera=0,12," in command
+    page.evaluate("navigator.clipboard.writeText('mine')")
+    page.evaluate("e = document.querySelector('code'); e.dataset.copy = '1'; e.previousSibling.before('drawn again')")
+    page.wait_for_function("!document.querySelector('[data-copy]')")
+    assert page.evaluate("navigator.clipboard.readText()") == "mine"
     page.get_by_role("slider", name="Bearing").press("Home")
     shown(page, lambda p: bright(p, NORTH))
     page.keyboard.press("c")

@@ -5,13 +5,14 @@ from collections.abc import Callable
 from datetime import date
 from functools import partial
 from html import escape
+from itertools import count
 from typing import Any
 
 from ..picture.png_files import png_file
 from ..scene.lights import DirectionalLight
 from .gizmos import Face, Probe, Sight, answer_of
 from .progressive_pictures import TracedPicture
-from .render_words import render_command
+from .render_words import left_out, render_command
 from .viewer_model import BOX_TESTS, LIGHT_SHARE, SHADED, Model, sun_angles
 
 _HINT = "Click or tap a surface to see which lights reach it, and what blocks the others."
@@ -38,6 +39,7 @@ class Controls:
         self._sun: Any = None  # the folder of its controls
         self._boxes: dict[str, Any] = {}  # of the lights
         self._commands: dict[int, Any] = {}  # browser -> the command that it copied
+        self._numbers = count(1)  # of these commands
         self.sliders: dict[str, Any] = {}
         self._status = self._gui.add_markdown("Preparing the first picture ...")
         self._legend: Any = None
@@ -135,8 +137,10 @@ class Controls:
         if old := self._commands.pop(client.client_id, None):
             old.remove()
         text = escape(render_command(self._model, camera))
-        code = f"<code data-copy style='overflow-wrap: anywhere'>{text}</code>"
-        html = f"<div style='{_STYLE}'><output></output><br>{code}</div>"
+        code = f"<code data-copy='{next(self._numbers)}' style='overflow-wrap: anywhere'>{text}</code>"
+        missing = left_out(self._model)
+        note = f"<br>It leaves out {escape(', '.join(missing))}." if missing else ""
+        html = f"<div style='{_STYLE}'><output></output><br>{code}{note}</div>"
         self._commands[client.client_id] = client.gui.add_html(html, order=0.4)
 
     def forget(self, client_id: int) -> None:

@@ -80,14 +80,20 @@ function name() {
   }
 }
 
-/** Copy a command that has just appeared. Pages that are not secure have no clipboard; there, it can be selected. */
+/** The number of the command in the clipboard. */
+let copied = "";
+
+/** Copy a command that has just appeared, unless viser has only drawn the panel again. Pages that are not secure have
+ * no clipboard; there, it can be selected. */
 async function copy() {
   const command = document.querySelector("[data-copy]");
   if (!command) return;
+  const number = command.dataset.copy;
   delete command.dataset.copy;
   const said = command.parentElement.querySelector("output");
   try {
-    await navigator.clipboard.writeText(command.textContent);
+    if (number !== copied) await navigator.clipboard.writeText(command.textContent);
+    copied = number;
     said.textContent = "Copied the command that renders this view:";
   } catch {
     said.textContent = "This command renders the view:";

@@ -236,7 +236,7 @@ def trace_picture(model: Model, camera: Camera, step: Step, check: Check = lambd
     InputError
         If the plan of a box-test picture is unknown or has no tree.
     """
-    start, camera = perf_counter(), scaled_camera(camera, step.coarse)
+    start, camera, changes = perf_counter(), scaled_camera(camera, step.coarse), model.light_changes
     if model.display.show == BOX_TESTS:
         work = box_test_picture(
             model, camera, [with_quality(lamp.light, step.spp) for lamp in model.active_lights], step.spp
@@ -249,7 +249,7 @@ def trace_picture(model: Model, camera: Camera, step: Step, check: Check = lambd
     else:
         lights = [with_quality(lamp.light, step.spp) for lamp in model.active_lights]
         frame = _frame(model, camera, lights, step, check, model.ground(camera))
-        model.update_from(frame)
+        model.update_from(frame, changes)
         exposure = model.exposure
         assert exposure is not None  # set by update_from
         image, note = screen_picture(frame, exposure), ""

@@ -268,7 +268,8 @@ class Model:
         self._camera = camera
         self.last_camera: Camera | None = None  # camera of the browser that moved last
         self._exposure: float | None = None
-        self._metered = False  # whether the exposure is that of the lights as they are
+        self.light_changes = 0  # counts changes of the lights
+        self._metered = -1  # `light_changes` for which the exposure was last metered
         self.source = shlex.quote(scene.name)  # the scene as words of a command
         self.ambient = np.zeros(3, np.float32)  # irradiance of the latest frame
 
@@ -339,10 +340,13 @@ class Model:
         """The height of the ground on which shadows show, as in pictures of `antumbra render`; False: there is none."""
         return self.scene.ground_height(self.time) if is_outside(self.scene, camera) else False
 
-    def update_from(self, frame: Frame) -> None:
-        """Adopt the ambient light of a frame, and its exposure if it is the first one or the lights differ much."""
-        if self._exposure is None or not self._metered:
-            exposure, self._metered = metered_exposure(frame), True
+    def update_from(self, frame: Frame, light_changes: int) -> None:
+        """Adopt the ambient light of a frame, and its exposure if it is the first one or the lights differ much.
+
+        light_changes : when the frame was begun; lights may change while it is traced
+        """
+        if self._exposure is None or self._metered != light_changes:
+            exposure, self._metered = metered_exposure(frame), light_changes
             if self._exposure is None or abs(np.log2(exposure / self._exposure)) > _STEADY:
                 self._exposure = exposure
         if frame.ambient is not None:
@@ -359,18 +363,19 @@ class Model:
 
     def go_to(self, time: float) -> None:
         """Show the scene at a time, in seconds."""
-        self.time, self._metered = self.scene.clamped(time), False
+        self.time = self.scene.clamped(time)
+        self.light_changes += 1
 
     def switch(self, name: str, on: bool) -> None:
         """Switch a light on or off."""
         self.editable_light(name)
         (self._off.discard if on else self._off.add)(name)
-        self._metered = False
+        self.light_changes += 1
 
     def move(self, name: str, to: NDArray[np.float64]) -> None:
         """Move the handle of a light to a position ((3,), page)."""
         self._moved[name] = move_light(self.editable_light(name).light, self.page_frame, to)
-        self._metered = False
+        self.light_changes += 1
 
     def aim_sun(self, bearing: float, elevation: float) -> None:
         """Move the sun to a bearing, clockwise from the scene's north axis, and an elevation, in degrees."""
@@ -380,7 +385,7 @@ class Model:
         bearing, elevation = number(bearing, "the bearing", -np.inf, np.inf), float(np.clip(elevation, -90.0, 90.0))
         assert isinstance(lamp.light, DirectionalLight)
         self._moved[lamp.name] = aim_sun_light(lamp.light, bearing, elevation, self.scene.up)
-        self._metered = False
+        self.light_changes += 1
 
     def aim_sun_at(self, day: str, hour: float) -> tuple[float, float]:
         """Move the sun to its position on a day ("2026-06-21") at an hour of local time.
