@@ -351,7 +351,7 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=4, help="of each walk through a store")
     parser.add_argument("--kind", nargs="+", choices=device_store.KINDS, default=["shadow"], help="of rays in a store")
     parser.add_argument(
-        "--walk", nargs="+", choices=device_store.VIEWS, default=device_store.VIEWS, help="default: both"
+        "--walk", nargs="+", choices=device_store.WALKS, default=device_store.WALKS, help="default: both"
     )
     parser.add_argument("--threads", type=int, help="of the CPU; default: all cores")
     parser.add_argument("--rounds", type=int, default=7)

@@ -75,7 +75,7 @@ def _walk_rows(
     for k in range(options.frames):
         for method, frames in walks.items():
             frame, truth = frames[k], walks["cpu"][k].found
-            about = {"scene": path.name, "triangles": place.scene.n_triangles, "device_memory": options.device_memory}
+            about = {"scene": path.name, "triangles": place.scene.n_triangles}
             about |= {"case": f"{kind} {view} {k}", "queries": frame.queries}
             yield how.row(about, method, how.timing(frame.found, [frame.seconds]), frame.rays, truth) | frame.copied
 
@@ -87,7 +87,7 @@ class _Seen(NamedTuple):
     seconds: float
     rays: int
     queries: int
-    copied: dict[str, Any]  # counts of chunks, and of bytes copied to a device and from it
+    copied: dict[str, Any]  # counts of chunks; of a device, its room for them, and bytes copied to it and from it
 
 
 def _frames(
@@ -109,7 +109,7 @@ def _frames(
         if device is None:
             render()
         else:
-            copied |= copies_of(source.on_device.device, render)
+            copied |= copies_of(source.on_device.device, render) | {"device_memory": source.on_device.budget}
         (frame,) = frames
         queries = sum(int(each["queries"]) for each in frame.scheduled or ())
         seconds = frame.timings["gbuffer"] + frame.timings["trace"]

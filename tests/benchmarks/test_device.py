@@ -9,6 +9,8 @@ import antumbra as at
 import device
 import device_build
 import device_surfaces
+from antumbra.devices.host.host_device import HostDevice
+from antumbra.engine.sources import paged_source
 from antumbra.trace.device.build_kernels import BUILD_KERNELS
 from antumbra.trace.device.device_kernels import KERNELS
 from antumbra.trace.device.raster_kernels import RASTER_KERNELS
@@ -99,3 +101,16 @@ def test_chunks_of_a_store_are_cached_on_a_device(monkeypatch, tmp_path, capsys)
     assert all(0 < row["paging"]["device_bytes"] < row["uploaded"] for row in there[::2])
     assert all(row["paging"]["device_uploaded"] < row["paging"]["device_wanted"] for row in there[1::2])
     assert "on the device" in capsys.readouterr().out
+    assert [row.get("device_memory") for row in rows] == 4 * [2 << 20, None]
+
+
+def test_rows_of_a_store_state_the_room_that_a_card_has(monkeypatch, tmp_path):
+    path, store = tmp_path / "rows.json", tmp_path / "city.antumbra"
+    at.build_store(at.procedural("city", triangles=5000), store, chunk=512)
+    monkeypatch.setattr(HostDevice, "in_host_memory", False)
+    monkeypatch.setattr(paged_source, "DEVICE_CHUNKS", 1 << 20)
+    words = f"device.py --device host --part store --store {store} --device-memory 2M --frames 1 --walk near "
+    monkeypatch.setattr(sys, "argv", (words + f"--size 24 16 --spp 1 --json {path}").split())
+    device.main()
+    there, _ = json.loads(path.read_text())["rows"]
+    assert there["device_memory"] == 1 << 20

@@ -338,7 +338,7 @@ class EngineOptions:
         metavar="SIZE",
         is_value=False,
     )
-    """Limit in bytes on the memory of the process, for scenes in a store (None: 4 GiB), or on a device."""
+    """Limit in bytes on the memory of the process, for a store (None: see `PagedScene.max_memory`), or on a device."""
     device: str | None = option(
         None,
         unchecked,
