@@ -33,6 +33,7 @@ extensions = [
     "comments",
     "fields",
     "folds",
+    "front_page",
     "help",
     "labels",
     "live",
@@ -48,7 +49,7 @@ extensions = [
     "whole",
     "shown",
 ]
-exclude_patterns = ["_build", "_ext", "conf.py", "papers/ideas"]
+exclude_patterns = ["_build", "_ext", "_templates", "conf.py", "papers/ideas"]
 nitpick_ignore_regex = [("py:.*", ".*")]
 
 autodoc_member_order = "bysource"
@@ -79,6 +80,7 @@ intersphinx_mapping = {name: (site, f"_inventories/{name}.txt") for name, site i
 intersphinx_disabled_reftypes = ["std:*"]
 
 html_theme = "furo"
+templates_path = ["_templates"]
 html_title = f"Antumbra {release}"
 html_static_path = ["_static"]
 html_css_files = ["antumbra.css"]

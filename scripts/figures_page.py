@@ -26,10 +26,10 @@ PAGE = ROOT / "docs" / "figures.md"
 
 INTRO = """# Figures
 
-`python scripts/figures_page.py` generates this page from results in `docs/results/` and `docs/papers/results/`. Each
-table names its command, machine and date. To measure on your machine, run the commands in a clone; they alternate with
-the peers in one process. Times on shared machines vary by 10 to 20 %, ratios less. A ratio above 1 means that Antumbra
-is faster. Bars show the numbers above them; the bar of a ratio below 1 is grey. Long tables are folded.
+A ratio above 1 means that Antumbra is faster. Each table names its command, machine and date. To measure on your
+machine, run the commands in a clone; they alternate with the peers in one process. Times on shared machines vary by
+10 to 20 %, ratios less. Bars show the numbers above them; the bar of a ratio below 1 is grey. Long tables are folded.
+`python scripts/figures_page.py` generates this page from results in `docs/results/` and `docs/papers/results/`.
 """
 
 

@@ -529,10 +529,10 @@ def render(args: RenderArguments) -> int:
     \b
     LIGHT
       0                                    the first light of the file
-      point:X,Y,Z
+      point:X,Y,Z                          shines in all directions
       quad:CX,CY,CZ:UX,UY,UZ:VX,VY,VZ      a parallelogram around C with the edges U and V
       disk:CX,CY,CZ:NX,NY,NZ:RADIUS        a disk around C that faces N
-      sphere:CX,CY,CZ:RADIUS
+      sphere:CX,CY,CZ:RADIUS               a lamp with soft shadows, seen from all sides
       sun:DX,DY,DZ[:ANGULAR_DIAMETER]      shines along D; 0.53 degrees by default, as the real sun
       ...@INTENSITY                        candela (sun: lux), 1 by default
 

@@ -53,8 +53,9 @@ class Controls:
 
     def show_picture(self, picture: TracedPicture) -> None:
         """Describe the picture that the browser shows."""
-        speed = f"{picture.rays / max(picture.seconds, 1e-9) / 1e6:.1f} million rays/s"
-        text = f"{picture.step}: {1000 * picture.seconds:.0f} ms, {speed}{picture.cost}"
+        speed = picture.rays / max(picture.seconds, 1e-9) / 1e6
+        rate = f", {speed:.1f} million rays/s" if speed >= 0.05 else ""  # coarse pictures trace few
+        text = f"{picture.step}: {1000 * picture.seconds:.0f} ms{rate}{picture.cost}"
         self.say(f"{text}; {picture.note}" if picture.note else text)
         if self._legend is not None:
             self._legend.remove()

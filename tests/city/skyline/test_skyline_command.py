@@ -50,8 +50,8 @@ def test_points_from_files_and_on_surfaces(cli):
 @pytest.mark.parametrize(
     "arguments, words",
     [
-        ((), ("there are no points",)),
-        ((*EYES, "--points", "raster:9"), ("two kinds",)),
+        ((), ("give either --point",)),
+        ((*EYES, "--points", "raster:9"), ("give either --point",)),
         (("--points", "a.csv"), ("a.csv", "no such file")),
         (("--points", "some"), ("--points", "raster")),
         (("--point", "0,0"), ("--point", "three finite numbers")),

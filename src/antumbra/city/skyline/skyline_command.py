@@ -91,7 +91,7 @@ class SkylineCommand(StudyCommand[SkylineOptions, "list[Skyline]"]):
         if self.points is not None:
             check_sensors(self.points, "--points")
         if (self.point is None) == (self.points is None):
-            raise InputError("there are no points, or two kinds of them; give --point X,Y,Z or --points FILE")
+            raise InputError("give either --point X,Y,Z or --points FILE")
 
     def check_sheet(self, sheet: Any, scenes: Scenes) -> None:
         from ..sheets.sheet import check_diagram
