@@ -143,8 +143,10 @@ def _beam_of_ball(
     Its apex is a float32 point, so that differences to it are rounded once.
     """
     apex, none = centre.astype(np.float32).astype(np.float64), np.zeros(3)
-    radius = (radius + math.dist(centre, apex)) * _BEAM_MARGIN + 2.0**-22 * (float(np.abs(apex).max()) + radius)
-    unit = _unit(math.hypot(*np.maximum(np.abs(low - apex), np.abs(high - apex)).tolist()))
+    radius = (radius + float(np.linalg.norm(centre - apex))) * _BEAM_MARGIN + 2.0**-22 * float(
+        np.abs(apex).max() + radius
+    )
+    unit = _unit(float(np.linalg.norm(np.maximum(np.abs(low - apex), np.abs(high - apex)))))
     return Beam(PERSPECTIVE, first, count, which, False, apex, np.eye(3), unit, radius * unit, none, none, 0.0)
 
 
