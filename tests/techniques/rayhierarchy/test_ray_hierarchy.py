@@ -21,7 +21,7 @@ from beam_scenes import LIGHTS, RECEIVERS, lit, on_surfaces
 from hierarchies import met_by, points_query, triangles_of
 from strength import examples
 
-pytestmark = pytest.mark.slow  # takes minutes: all variants, for all lights, with one and three threads
+pytestmark = pytest.mark.papers  # all variants, for all lights, with one and three threads
 
 COMBINED = (
     "cones:wide:sorted:early-accept",
@@ -32,7 +32,11 @@ COMBINED = (
     "cones:boxes:early-accept:shared",
     "cones:spheres:two-pass:backface:shared",
 )
-VARIANTS = {name: options for name, (options, _) in CONES.items()} | {name: combination(name) for name in COMBINED}
+VARIANTS = (
+    {"cones": FASTEST_RAY_HIERARCHY}
+    | {name: options for name, (options, _) in CONES.items()}
+    | {name: combination(name) for name in COMBINED}
+)
 
 
 def _bits(triangles, query, options, threads=2, counters=None, soup=None):
@@ -111,7 +115,7 @@ def test_queries_that_are_cut_into_parts(light, shape, segments_held, monkeypatc
     whole = _bits(triangles, query, FASTEST_RAY_HIERARCHY)
     monkeypatch.setattr(ray_hierarchy, "SEGMENTS", segments_held)
     for name in ("cones", "cones:precise:sorted", "cones:SpheresSorted"):
-        np.testing.assert_array_equal(_bits(triangles, query, combination(name) or CONES[name][0]), whole)
+        np.testing.assert_array_equal(_bits(triangles, query, combination(name) or VARIANTS[name]), whole)
     assert whole.any() and not whole.all()
     assert len(ray_hierarchy.query_parts(query, np.zeros((*shape, 1), np.uint64))) > (1 if segments_held < 1000 else 0)
 
