@@ -34,8 +34,12 @@ def test_examples_print_what_they_say(name):
     assert result.attempted and not result.failed
 
 
-MOST_USED = ("load", "procedural", "visibility", "sun_hours", "line_of_sight") + tuple(
-    f"Scene.{name}" for name in ("from_arrays", "occluded", "closest_hit", "contains", "closest_points")
+MOST_USED = (
+    *("load", "procedural", "build_store", "visibility", "line_of_sight", "viewshed", "skyline", "shadow", "sun_hours"),
+    *("render", "Renderer", "Frame", "Camera", "bake", "Sensors", "sensors_of", "Table"),
+    *("PointLight", "QuadLight", "DiskLight", "SphereLight", "DirectionalLight", "AmbientOcclusion"),
+    *("Sky", "PointLights", "DirectionalLights", "virtual_point_lights"),
+    *(f"Scene.{name}" for name in ("from_arrays", "occluded", "closest_hit", "contains", "closest_points")),
 )
 
 
