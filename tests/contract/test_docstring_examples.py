@@ -7,12 +7,15 @@ import numpy as np
 import pytest
 
 import antumbra as at
+from antumbra.integrations.open3d import RaycastingScene
 
 FINDER = doctest.DocTestFinder(recurse=False)
 
 
 def documented():
     """(name, function, method or class) of the public names, with what classes inherit."""
+    yield "examples.temple", at.examples.temple
+    yield "RaycastingScene", RaycastingScene
     for name in at.__all__:
         thing = getattr(at, name)
         if not getattr(thing, "__module__", "").startswith("antumbra"):
@@ -43,7 +46,7 @@ def test_examples_print_what_they_say(name):
 MOST_USED = (
     *("load", "procedural", "build_store", "visibility", "line_of_sight", "viewshed", "skyline", "shadow", "sun_hours"),
     *("visible_share", "visibility_matrix", "view_factors", "module_shading", "sun_calendar", "suns_of", "Place"),
-    *("dataset", "Engine", "Hit", "CityModel", "trimesh_ray", "pvlib_shading"),
+    *("dataset", "Engine", "Hit", "CityModel", "trimesh_ray", "pvlib_shading", "RaycastingScene"),
     *("render", "Renderer", "Frame", "Camera", "bake", "Sensors", "sensors_of", "Table"),
     *("PointLight", "QuadLight", "DiskLight", "SphereLight", "DirectionalLight", "AmbientOcclusion"),
     *("Sky", "PointLights", "DirectionalLights", "virtual_point_lights"),
