@@ -340,6 +340,15 @@ def bake(
     -----
     UserWarning
         Once for each of `Baked.notes`, such as textures that lose detail.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> room = at.procedural("atrium", triangles=5_000)
+    >>> with TemporaryDirectory() as folder:
+    ...     baked = at.bake(room, f"{folder}/room.glb", "ao", spp=16)
+    >>> baked.what, baked.attribute
+    ('ao', 'COLOR_0')
     """
     path, executor = checked_output(output, GLB.suffixes), executor_of(keep)
     choice(up, "up", (None, "y", "z"))

@@ -111,6 +111,15 @@ def dataset(
     InputError
         If a value is out of range, no view is found for a random camera, the folder contains a data set with other
         settings or other files, or it cannot be written.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> room = at.procedural("atrium", triangles=5_000)
+    >>> with TemporaryDirectory() as folder:
+    ...     made = at.dataset(room, folder, orbit=2, size=(32, 24), spp=4)
+    >>> made.frames, made.lights, made.complete
+    (2, 1, True)
     """
     start = perf_counter()
     openexr()  # before long work begins

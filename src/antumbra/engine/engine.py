@@ -116,6 +116,12 @@ class Engine(RayQueries):
     ------
     InputError
         If a value is out of range, the plan is unknown, the plan does not support stores, or there is no such device.
+
+    Examples
+    --------
+    >>> engine = at.Engine(at.examples.temple(), plan="bsah+wide")
+    >>> engine.occluded([[0, 1, 0], [0, 1, 14]], (0, 1, 0))  # inside, and in front
+    array([ True, False])
     """
 
     def __init__(

@@ -69,6 +69,14 @@ def build_store(
     InputError
         If the scenes have no triangles, lie too far apart, or have different up axes; if tiles do not share a grid; or
         if the path cannot be written or the disk is full. No partial file is left behind.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     report = at.build_store([at.procedural("city", triangles=5_000)], f"{folder}/city.antumbra")
+    ...     report.triangles == at.load(report.path).n_triangles
+    True
     """
     data = _scene_data_of_all(scenes)
     report = build_units([ReadUnit(lambda: data)], path, max_memory, threads, chunk, progress, tile=tile)

@@ -73,7 +73,13 @@ def room() -> "Scene | PagedScene":
 
 
 def temple() -> "Scene | PagedScene":
-    """A temple of fluted columns under a roof of tiles: 51,784 triangles in 7 objects."""
+    """A temple of fluted columns under a roof of tiles: 51,784 triangles in 7 objects.
+
+    Examples
+    --------
+    >>> at.examples.temple()
+    Scene('temple', 51,784 triangles, up='y')
+    """
     return _load("temple")
 
 

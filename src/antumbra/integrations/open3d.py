@@ -36,6 +36,14 @@ class RaycastingScene:
     shape or type raises an `InputError`.
 
     nthreads, device : ignored, since the first query builds the tree on all cores of the CPU
+
+    Examples
+    --------
+    >>> from antumbra.integrations.open3d import RaycastingScene
+    >>> scene = RaycastingScene()
+    >>> roof = scene.add_triangles([[0, 0, 1], [4, 0, 1], [0, 4, 1]], [[0, 1, 2]])
+    >>> scene.cast_rays([[1, 1, 0, 0, 0, 1], [3, 3, 0, 0, 0, 1]])["t_hit"]
+    array([ 1., inf], dtype=float32)
     """
 
     INVALID_ID: ClassVar[int] = 0xFFFFFFFF

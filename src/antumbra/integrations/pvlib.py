@@ -82,6 +82,15 @@ def pvlib_shading(
     InputError
         If times are no index with a time zone, the place is unknown, an argument is invalid, or a package is missing
         (``antumbra[sun]``).
+
+    Examples
+    --------
+    >>> import pandas
+    >>> wall = at.Scene.from_arrays([[-9, -5, 0], [9, -5, 0], [9, -5, 3], [-9, -5, 3]], [[0, 1, 2], [0, 2, 3]], up="z")
+    >>> noons = pandas.DatetimeIndex(["2026-06-21T12:00Z", "2026-12-21T12:00Z"])
+    >>> shading = at.pvlib_shading(wall, [[0, 0, 1]], noons, place=at.Place(52.0, 4.36), tilt=30)
+    >>> shading["shaded_fraction"].round(2).tolist()
+    [0.0, 1.0]
     """
     pandas = import_extra("pandas", "pvlib_shading", "sun")
     if isinstance(points, (PvModule, dict)):

@@ -42,6 +42,14 @@ def trimesh_ray(mesh: Any) -> "RayMeshIntersector":
     ------
     InputError
         If `mesh` is not a trimesh mesh.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> mesh = trimesh.creation.box((2, 2, 2))
+    >>> mesh.ray = at.trimesh_ray(mesh)
+    >>> mesh.contains([[0, 0, 0], [0, 0, 3]])
+    array([ True, False])
     """
     rays = RayMeshIntersector(mesh)
     _keep_in_copies(mesh)
@@ -66,6 +74,14 @@ def trimesh_nearest(mesh: Any) -> "ProximityQuery":
     ------
     InputError
         If `mesh` is not a trimesh mesh.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> mesh = trimesh.creation.box((2, 2, 2))
+    >>> mesh.nearest = at.trimesh_nearest(mesh)
+    >>> mesh.nearest.signed_distance([[0, 0, 0.5], [0, 0, 3]])
+    array([ 0.5, -2. ])
     """
     query = ProximityQuery(mesh)
     _keep_in_copies(mesh)

@@ -77,7 +77,17 @@ class Ground(NamedTuple):
 
 
 class Frame(NamedTuple):
-    """A rendered frame. H, W: the camera's height and width."""
+    """A rendered frame. H, W: the camera's height and width.
+
+    Examples
+    --------
+    >>> room = at.procedural("atrium", triangles=5_000)
+    >>> frame = at.render(room, room.cameras[0].resized(64, 48), room.lights[0], spp=16)
+    >>> in_light = frame.mask & (frame.visibility[0] == 1)  # surfaces that see the whole light
+    >>> in_light.shape, frame.bits[0].shape, frame.names
+    ((48, 64), (48, 64, 1), ('quad',))
+    >>> frame.save("room.png")  # doctest: +SKIP
+    """
 
     image: NDArray[np.float32]  # (H, W, 3) float32, linear
     visibility: list[NDArray[np.float32]]  # per light (H, W) in [0, 1]: share of the light seen; 1 in the background

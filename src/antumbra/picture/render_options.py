@@ -124,7 +124,8 @@ class RenderOptions:
         metavar="NAME",
         doc_type="str",
     )
-    """A name in `antumbra.query.light_samples.SAMPLERS`."""
+    """How samples are distributed over a light: "larcher-pillichshammer", "hammersley", "sobol", "halton", "halton:0",
+    "halton:18", "halton:36" or "halton:full". Halton sets suit numbers of samples that are not powers of two."""
     seed: int = option(
         0,
         WholeNumber(0, 2**63 - 1),

@@ -57,6 +57,15 @@ class Renderer:
     ------
     InputError
         If a value is out of range, the plan is unknown, or the plan cannot render a scene in a store.
+
+    Examples
+    --------
+    >>> room = at.procedural("atrium", triangles=5_000)
+    >>> renderer, camera = at.Renderer(room), room.cameras[0].resized(64, 48)
+    >>> lamps = [at.SphereLight((x, 4, 0), 0.5, intensity=100) for x in (-1, 0, 1)]
+    >>> frames = [renderer.render(camera, lamp, spp=16) for lamp in lamps]  # they share the tree
+    >>> len(frames), frames[0].image.shape
+    (3, (48, 64, 3))
     """
 
     def __init__(
@@ -268,6 +277,14 @@ def render(
     InputError
         If a value is out of range, the plan is unknown, the camera's position is in degrees, or an argument is not a
         camera or a light.
+
+    Examples
+    --------
+    >>> room = at.procedural("atrium", triangles=5_000)
+    >>> frame = at.render(room, room.cameras[0].resized(64, 48), room.lights, spp=16)
+    >>> frame.image.shape, frame.visibility[0].shape, frame.names
+    ((48, 64, 3), (48, 64), ('quad',))
+    >>> frame.save("room.png")  # doctest: +SKIP
     """
     of_renderer, of_picture = split_keywords(given(*args, **keywords), EngineOptions)
     picture_options, scene = options_of(options, of_picture), scene_of(scene)

@@ -73,6 +73,13 @@ def virtual_point_lights(
     ------
     InputError
         If the light is of an unsupported kind, n is out of range, or no photon meets the scene.
+
+    Examples
+    --------
+    >>> room = at.procedural("atrium", triangles=5_000)
+    >>> bounced = at.virtual_point_lights(room, at.SphereLight((0, 4, 0), 0.5, intensity=100), n=64)
+    >>> bounced.samples(16)  # each pixel tests every 16th light
+    4
     """
     scene = scene_of(scene)
     (light,) = check_lights([light], scene.up)

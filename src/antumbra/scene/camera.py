@@ -136,6 +136,12 @@ class Camera:
     InputError
         On non-finite or huge numbers, a target at the position, ``up`` along the view, sizes out of range, an unknown
         projection, a missing extent, or an extent for a projection that takes none.
+
+    Examples
+    --------
+    >>> camera = at.Camera((0, 1.7, 8), (0, 1, 0), vfov=60, width=64, height=48)
+    >>> camera.resized(640, 480)
+    Camera(position=(0, 1.7, 8), target=(0, 1, 0), up=(0, 1, 0), vfov=60, width=640, height=480)
     """
 
     def __init__(

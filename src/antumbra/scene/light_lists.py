@@ -162,6 +162,13 @@ class PointLights(LightList):
     nearest : float
         Minimum distance used in shading, in world units. Lights that represent an area are too bright for receivers
         close to them, since 1 / distance^2 has a pole. The clamp darkens corners slightly.
+
+    Examples
+    --------
+    >>> roof = at.Scene.from_arrays([[0, 0, 1], [4, 0, 1], [0, 4, 1]], [[0, 1, 2]], up="z")
+    >>> lamps = at.PointLights([[1, 1, 3], [1, 1, 0.5], [6, 6, 3]])
+    >>> at.visibility(roof, [[1, 1, 0]], lamps).seen_samples
+    array([[False,  True,  True]])
     """
 
     positions: np.ndarray
@@ -210,6 +217,13 @@ class DirectionalLights(LightList):
         Linear RGB of each light, times `colour`.
     interleave : bool
         Whether each receiver samples one set only. The limit is 1024 lights without it, 16 x 1024 with it.
+
+    Examples
+    --------
+    >>> roof = at.Scene.from_arrays([[0, 0, 1], [4, 0, 1], [0, 4, 1]], [[0, 1, 2]], up="z")
+    >>> suns = at.DirectionalLights([[0, 0, -1], [1, 0, -0.1], [-1, 0, -0.1]])
+    >>> at.visibility(roof, [[1, 1, 0]], suns).seen_samples
+    array([[False,  True,  True]])
     """
 
     directions: np.ndarray

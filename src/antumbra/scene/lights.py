@@ -123,6 +123,13 @@ class PointLight(Light):
     """A point light at `position` ((3,), world).
 
     A surface at distance d receives intensity cos(theta) / d^2, where theta is the angle to its normal.
+
+    Examples
+    --------
+    >>> roof = at.Scene.from_arrays([[0, 0, 1], [4, 0, 1], [0, 4, 1]], [[0, 1, 2]], up="z")
+    >>> lamp = at.PointLight((1, 1, 3), intensity=100, colour=(1, 0.9, 0.7))
+    >>> at.visibility(roof, [[1, 1, 0], [3, 3, 0]], lamp).fraction
+    array([0., 1.], dtype=float32)
     """
 
     position: np.ndarray
@@ -145,6 +152,12 @@ class QuadLight(Light):
     """A two-sided parallelogram light corner + a u + b v, 0 <= a, b <= 1 (all (3,), world).
 
     Its radiance is intensity / area in all directions. Its parts below a surface's horizon do not contribute.
+
+    Examples
+    --------
+    >>> window = at.QuadLight((0, 1, 3), (2, 0, 0), (0, 0, 1.5), intensity=500)
+    >>> window.area()
+    3.0
     """
 
     corner: np.ndarray
@@ -179,6 +192,13 @@ class DiskLight(Light):
     """A two-sided disk light around `center` ((3,), world) with `normal` ((3,), any length) and `radius` > 0.
 
     Its radiance is intensity / area in all directions. Its parts below a surface's horizon do not contribute.
+
+    Examples
+    --------
+    >>> roof = at.Scene.from_arrays([[0, 0, 1], [4, 0, 1], [0, 4, 1]], [[0, 1, 2]], up="z")
+    >>> lamp = at.DiskLight((1, 1, 3), normal=(0, 0, -1), radius=0.5, intensity=100)
+    >>> at.visibility(roof, [[1, 1, 0], [2.5, 2.5, 0], [4, 4, 0]], lamp, spp=64).fraction
+    array([0.     , 0.53125, 1.     ], dtype=float32)
     """
 
     center: np.ndarray
@@ -222,6 +242,13 @@ class SphereLight(Light):
     A receiver samples the disk bounded by the circle in which its tangent cone touches the sphere. This disk covers
     exactly the directions in which the sphere is visible. Inside the sphere, the receiver samples the great disk that
     faces it.
+
+    Examples
+    --------
+    >>> roof = at.Scene.from_arrays([[0, 0, 1], [4, 0, 1], [0, 4, 1]], [[0, 1, 2]], up="z")
+    >>> lamp = at.SphereLight((1, 1, 3), radius=0.5, intensity=100)
+    >>> at.visibility(roof, [[1, 1, 0], [2.5, 2.5, 0], [4, 4, 0]], lamp, spp=64).fraction
+    array([0.     , 0.53125, 1.     ], dtype=float32)
     """
 
     center: np.ndarray
@@ -261,6 +288,13 @@ class DirectionalLight(Light):
         From the light *into* the scene, as in glTF.
     angular_diameter : float
         In degrees, 0 <= angular_diameter < 180. The default is the sun's 0.53; 0 gives parallel rays.
+
+    Examples
+    --------
+    >>> roof = at.Scene.from_arrays([[0, 0, 1], [4, 0, 1], [0, 4, 1]], [[0, 1, 2]], up="z")
+    >>> sun = at.DirectionalLight((1, 0, -1), intensity=80_000)
+    >>> at.visibility(roof, [[2, 1, 0], [0, 1, 0]], sun, spp=16).fraction
+    array([0., 1.], dtype=float32)
     """
 
     direction: np.ndarray
@@ -304,6 +338,13 @@ class AmbientOcclusion(Light):
         In world units. Blockers farther away do not count. None or infinity: all blockers count.
     spp : int or None
         Samples per receiver, 1 to 1024. None: as many as for the query's other lights.
+
+    Examples
+    --------
+    >>> temple = at.examples.temple()
+    >>> places = [[0, 0, 0], [0, 0, 14], [0, 0, 30]]  # inside, in front, and far away
+    >>> at.visibility(temple, places, at.AmbientOcclusion(), normals=[0, 1, 0], spp=256).fraction.round(2)
+    array([0.  , 0.78, 0.98], dtype=float32)
     """
 
     radius: float | None = None

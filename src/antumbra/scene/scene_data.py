@@ -58,6 +58,14 @@ class CityModel(NamedTuple):
     """The object and semantic surface of each face of a scene, from CityJSON or footprints.
 
     `Scene.objects` has the same objects in the same order.
+
+    Examples
+    --------
+    >>> village = at.examples.village()
+    >>> village.city.objects[0], village.city.types[0], village.city.surfaces[1].type
+    ('house-01', 'Building', 'WallSurface')
+    >>> village.city.object_attribute("height", [0, 1])
+    array([7.3, 7.3])
     """
 
     crs: str | None  # such as "EPSG:7415"; None: the file names none, or one without an EPSG code

@@ -160,6 +160,12 @@ class Sky(LightList):
     count : int
         Number of lights, 1 to 16384; multiples of 16 waste none. The mean error of the irradiance in default pictures
         is 3 % with 256 lights and half of that with 512; small pictures are less accurate (see docs/lights.md).
+
+    Examples
+    --------
+    >>> overcast = at.Sky((0.8, 0.9, 1.0), intensity=10_000, count=512)
+    >>> overcast.radiance([0, 1, 0])
+    array([ 8000.,  9000., 10000.], dtype=float32)
     """
 
     image: Any = None

@@ -18,7 +18,15 @@ from .alpha_masks import Cutouts
 
 
 class Triangles(NamedTuple):
-    """A triangle soup in the recentred frame of its scene. World position = vertices + origin."""
+    """A triangle soup in the recentred frame of its scene. World position = vertices + origin.
+
+    Examples
+    --------
+    >>> triangles = at.examples.temple().triangles()
+    >>> world = triangles.vertices + triangles.origin
+    >>> world.shape
+    (51784, 3, 3)
+    """
 
     vertices: NDArray[np.float32]  # (n, 3, 3) float32, recentred frame, C-contiguous
     origin: NDArray[np.float64]  # (3,) float64, world position of the frame's origin
@@ -67,6 +75,12 @@ class Hit(HitFaces):
 
     The first use of `position`, `normal` or `corners` fetches the triangles that were hit. They are not available
     after unpickling.
+
+    Examples
+    --------
+    >>> hit = at.examples.temple().closest_hit([[0, 20, 14], [0, 20, 0]], (0, -1, 0))
+    >>> hit.t.round(2), hit.mask
+    (array([ inf, 8.25]), array([False,  True]))
     """
 
     _find: Callable[[], tuple[Triangles, np.ndarray]] | None = None

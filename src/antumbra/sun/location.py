@@ -72,6 +72,12 @@ class Place(_PlaceFields):
     InputError
         If the time zone is unknown, or a number is out of range: latitudes lie between -90 and 90 degrees, longitudes
         between -360 and 360.
+
+    Examples
+    --------
+    >>> delft = at.Place(52.0, 4.36, timezone="Europe/Amsterdam")
+    >>> delft.latitude, delft.north
+    (52.0, 0.0)
     """
 
     def __new__(
@@ -114,6 +120,12 @@ def place_of(
     InputError
         If only one of latitude and longitude is given, a number is out of range, the time zone is unknown,
         `place_of_crs` refuses the CRS, or `crs` has another unit than the scene.
+
+    Examples
+    --------
+    >>> place = at.place_of(at.examples.village(), timezone="Europe/Amsterdam")
+    >>> round(place.latitude, 1), round(place.longitude, 1)
+    (52.0, 4.4)
     """
     position = position_fields(
         latitude=latitude, longitude=longitude, north=north, elevation=elevation, timezone=timezone

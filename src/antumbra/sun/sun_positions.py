@@ -54,6 +54,14 @@ def times_of(days: Iterable[date], zone: tzinfo, step: float = 60) -> Times:
     ------
     InputError
         If there are no days, or the step is out of range.
+
+    Examples
+    --------
+    >>> from datetime import date
+    >>> from zoneinfo import ZoneInfo
+    >>> times = at.times_of([date(2026, 6, 21)], ZoneInfo("Europe/Amsterdam"), step=60)
+    >>> len(times.local), times.local[0].item().isoformat()
+    (24, '2026-06-21T00:30:00')
     """
     days = sorted(set(checked_days(days)))
     if not days:
@@ -258,6 +266,15 @@ def suns_of(place: Place, times: Times, up: str, dni: ArrayLike | None = None, *
     ------
     InputError
         If pvlib is missing, or `dni` does not fit `times`.
+
+    Examples
+    --------
+    >>> from datetime import date
+    >>> from zoneinfo import ZoneInfo
+    >>> times = at.times_of([date(2026, 6, 21)], ZoneInfo("Europe/Amsterdam"))
+    >>> suns = at.suns_of(at.Place(52.0, 4.36), times, up="z")
+    >>> len(suns.times), round(suns.altitude.max().item(), 1)
+    (17, 61.3)
     """
     place, up = checked_place(checked_instance(place, Place, "place")), choice(up, "up", ("y", "z"))
     checked_instance(times, Times, "times", "times_of makes them")

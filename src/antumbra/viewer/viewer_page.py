@@ -373,6 +373,11 @@ def view(
     ------
     InputError
         If viser is missing, the port is busy, or an argument is invalid.
+
+    Examples
+    --------
+    >>> room = at.procedural("atrium", triangles=5_000)
+    >>> viewer = at.view(room, room.lights)  # doctest: +SKIP
     """
     port = whole_number(port, "port", 0, 65535)
     text(host, "host")

@@ -178,6 +178,16 @@ def module_shading(
     -----
     Sky-view factors are those of skylines, every 2 degrees. For trackers, they are found at each time; so are the
     planes that shade each other, whose other effect, the light reflected by rear sides, is not modelled.
+
+    Examples
+    --------
+    >>> import pandas
+    >>> wall = at.Scene.from_arrays([[-9, -5, 0], [9, -5, 0], [9, -5, 3], [-9, -5, 3]], [[0, 1, 2], [0, 2, 3]], up="z")
+    >>> noons = pandas.DatetimeIndex(["2026-06-21T12:00Z", "2026-12-21T12:00Z"])
+    >>> module = at.PvModule((0, 0, 1), width=1.0, height=2.0, tilt=30)
+    >>> shading = at.module_shading(wall, module, noons, place=at.Place(52.0, 4.36))
+    >>> shading.shaded_fraction.round(2)
+    array([[0., 1.]])
     """
     options, scene = PvOptions(**given(*args, **keywords)), measured_scene(scene)
     index, place = checked_times(times), checked_place_of(scene, options.place)

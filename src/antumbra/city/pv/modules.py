@@ -45,6 +45,12 @@ class PvModule(_ModuleFields):
         The string that it belongs to. Empty: none.
     lattice : (int, int)
         Sample points along the width and the height, 1 to 64 each. A point has one.
+
+    Examples
+    --------
+    >>> module = at.PvModule((0, 0, 1), width=1.0, height=2.0, tilt=30)
+    >>> module.area, module.turns
+    (2.0, False)
     """
 
     __slots__ = ()

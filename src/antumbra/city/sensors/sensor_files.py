@@ -105,6 +105,12 @@ def sensors_of(text: str, scene: SceneLike, threads: int | None = None, areas: A
     - ``raster``, ``raster+1.6``: the cells of the raster of heights that is the scene or its ground
     - ``raster:dem.tif``, ``raster:dem.tif+1.6``: the cells of a raster file
     - a point file: see `read_point_file`; points in another CRS than the scene's are reprojected
+
+    Examples
+    --------
+    >>> temple = at.examples.temple()
+    >>> at.sensors_of("raster:2+1.6", temple)
+    Sensors(96 of kind 'raster')
     """
     if areas is None:
         check_sensors(text)

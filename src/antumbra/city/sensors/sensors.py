@@ -156,6 +156,15 @@ class Sensors:
     InputError
         If a field does not have one row per point, a number is out of range, or the kind needs another field: "face"
         and "grid" need `faces`, "vertex" needs `corners`, and "raster" needs `raster`.
+
+    Examples
+    --------
+    >>> temple = at.examples.temple()
+    >>> at.raster_sensors(temple, 2.0, height=1.6)
+    Sensors(96 of kind 'raster')
+    >>> sensors = at.face_sensors(temple)
+    >>> sensors.points.shape, sensors.normals.shape
+    ((51784, 3), (51784, 3))
     """
 
     points: np.ndarray

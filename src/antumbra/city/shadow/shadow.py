@@ -83,6 +83,13 @@ def shadow(
     InputError
         If the place is unknown, the sun is below the horizon, an argument is invalid, or a package is missing
         (``antumbra[sun,gis]``).
+
+    Examples
+    --------
+    >>> wall = at.Scene.from_arrays([[0, 0, 0], [9, 0, 0], [9, 0, 3], [0, 0, 3]], [[0, 1, 2], [0, 2, 3]], up="z")
+    >>> cast = at.shadow(wall, at="2026-06-21T12:00", place=at.Place(52, 4.4, timezone="Europe/Amsterdam"), plane=0)
+    >>> cast.columns["area"].round(1)
+    array([13.3])
     """
     options, scene = ShadowOptions(**given(*args, **keywords)), measured_scene(scene)
     options.check_moment()

@@ -56,6 +56,13 @@ def points_along(
     ------
     InputError
         If an argument is invalid, a file holds no lines, or there would be more than 10 million points.
+
+    Examples
+    --------
+    >>> path = at.points_along([[0, 0, 2], [10, 0, 2]], spacing=5.0)
+    >>> path.points
+    array([[2.5, 0. , 2. ],
+           [7.5, 0. , 2. ]])
     """
     spacing = number(spacing, "the spacing of points along lines", 0.0, np.inf)
     turns, found = choice(up, "up", ("y", "z")) == "y", _lines(lines, crs)

@@ -69,6 +69,12 @@ def surface_points(
     ------
     InputError
         If the scene has no such object or surface, or no semantic surfaces.
+
+    Examples
+    --------
+    >>> temple = at.examples.temple()
+    >>> at.surface_points(temple, 2.0, objects="steps")
+    Sensors(584 of kind 'points')
     """
     scene = measured_scene(scene)
     sensors = grid_sensors(scene, spacing, lift=lift)
@@ -110,6 +116,11 @@ def polygon_points(corners: ArrayLike, spacing: float) -> Sensors:
     ------
     InputError
         If the corners are not flat, enclose no area, or the spacing gives no point or more than a million.
+
+    Examples
+    --------
+    >>> at.polygon_points([[0, 0, 0], [4, 0, 0], [4, 0, 3], [0, 0, 3]], spacing=1.0)
+    Sensors(12 of kind 'points')
     """
     spacing, ring = number(spacing, "the spacing of points", 0.0, np.inf), points(corners, "corners of a polygon")
     middle = ring.mean(0) if len(ring) else np.zeros(3)
@@ -199,6 +210,13 @@ def visible_share(
     Notes
     -----
     With `curvature`, points at a horizontal distance d sink by (1 - k) d^2 / (2 R); see `antumbra.viewshed`.
+
+    Examples
+    --------
+    >>> wall = at.Scene.from_arrays([[-9, 5, 0], [9, 5, 0], [9, 5, 3], [-9, 5, 3]], [[0, 1, 2], [0, 2, 3]], up="z")
+    >>> mast = [[0, 9, z] for z in (1, 3, 5, 7)]
+    >>> at.visible_share(wall, [[0, 0, 2], [0, 7, 2]], mast)["share"]
+    array([0.5, 1. ], dtype=float32)
     """
     options = VisibleOptions(**given(*args, **keywords))
     found = visible_blocks(scene, options, sensors, target, surface, keep)

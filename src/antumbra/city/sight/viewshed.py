@@ -212,6 +212,13 @@ def viewshed(
     Least heights are a closed form of the horizon profile, the maximum over all crossings of the line of sight with
     edges of triangles, in float64. They agree with exact lines of sight up to the float32 rounding of coordinates.
     With `curvature`, vertices are lowered and edges are not divided.
+
+    Examples
+    --------
+    >>> wall = at.Scene.from_arrays([[-9, 5, 0], [9, 5, 0], [9, 5, 3], [-9, 5, 3]], [[0, 1, 2], [0, 2, 3]], up="z")
+    >>> seen = at.viewshed(wall, [[0, 9, 1], [0, 2, 1], [12, 6, 1]], observers=[[0, 0, 2], [0, 12, 2]])
+    >>> seen.table["seen"]
+    array([1, 1, 2], dtype=int32)
     """
     options = ViewshedOptions(**given(*args, **keywords))
     found = viewshed_blocks(scene, options, sensors, observers, surface, keep)

@@ -269,6 +269,14 @@ def visibility_matrix(
     -----
     UserWarning
         If points lie beside the scene, below the ground, on a surface without a normal, or closely behind another one.
+
+    Examples
+    --------
+    >>> wall = at.Scene.from_arrays([[-9, 5, 0], [9, 5, 0], [9, 5, 3], [-9, 5, 3]], [[0, 1, 2], [0, 2, 3]], up="z")
+    >>> pairs = at.visibility_matrix(wall, [[0, 2, 1], [0, 9, 1]], [[2, 0, 1], [2, 9, 1], [2, 5, 4]])
+    >>> pairs.rows()
+    array([[ True, False,  True],
+           [False,  True,  True]])
     """
     options, scene = MatrixOptions(**given(*args, **keywords)), measured_scene(scene)
     plan, threads, time = options.plan, thread_count(options.threads), scene.clamped(options.time)

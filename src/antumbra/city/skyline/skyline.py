@@ -357,6 +357,15 @@ def skyline(
     -----
     UserWarning
         If points lie beside the scene, below the ground, on a surface without a normal, or closely behind another one.
+
+    Examples
+    --------
+    >>> wall = at.Scene.from_arrays([[-99, 5, 0], [99, 5, 0], [99, 5, 7], [-99, 5, 7]], [[0, 1, 2], [0, 2, 3]], up="z")
+    >>> horizon = at.skyline(wall, [[0, 0, 2]])  # the top of the wall is 5 m away and 5 m above the eye
+    >>> horizon.elevation[0, [0, 45, 180]].round(1)
+    array([ 45. ,  35.3, -90. ])
+    >>> horizon.sky_view_factor().round(3)
+    array([0.854])
     """
     options, scene = SkylineOptions(**given(*args, **keywords)), measured_scene(scene)
     earth, keep = earth_of(options, scene), checked_keep(keep)

@@ -189,6 +189,14 @@ def sun_calendar(
     sqrt(2 h (1 - k) / R), for a height h above the lowest point of the scene, at which the earth goes on; not for
     points on a surface, which hides what is below its horizon. Suns are
     tried a step apart, and the times between a hidden and a visible one are halved down to a second.
+
+    Examples
+    --------
+    >>> wall = at.Scene.from_arrays([[-9, -5, 0], [9, -5, 0], [9, -5, 3], [-9, -5, 3]], [[0, 1, 2], [0, 2, 3]], up="z")
+    >>> delft = at.Place(52.0, 4.36, timezone="Europe/Amsterdam")
+    >>> calendar = at.sun_calendar(wall, [[0, 0, 1]], "2026-06-21,2026-12-21", place=delft)
+    >>> calendar.hours.round(1)  # in December, the sun stays behind the wall
+    array([[16.7,  0. ]])
     """
     options, scene = CalendarOptions(**given(*args, **keywords)), measured_scene(scene)
     threads = thread_count(options.threads)

@@ -369,6 +369,16 @@ class Table:
         show its values on these faces.
     made_from : MadeFrom or None
         The table of sensors whose verdicts and groups these rows are. None: these are the rows of the study.
+
+    Examples
+    --------
+    >>> wall = at.Scene.from_arrays([[-9, 5, 0], [9, 5, 0], [9, 5, 3], [-9, 5, 3]], [[0, 1, 2], [0, 2, 3]], up="z")
+    >>> table = at.sky_view(wall, [[0, 4, 1], [0, 4, 3]])
+    >>> table
+    Table(2 rows: sky_view, sky_share)
+    >>> table["sky_view"].round(2)
+    array([0.65, 1.  ])
+    >>> table.save("sky.csv")  # doctest: +SKIP
     """
 
     sensors: Sensors

@@ -81,6 +81,15 @@ def view_factors(
     -----
     A surface sees itself if it is not convex: its own factor F_ii is then positive. Alpha masks and panes block rays as
     in `Scene.closest_hit`.
+
+    Examples
+    --------
+    >>> floor, ceiling = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 0, 1], [0, 1, 1], [1, 1, 1], [1, 0, 1]]
+    >>> plates = at.Scene.from_arrays(floor + ceiling, [[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]], up="z")
+    >>> factors = at.view_factors(plates, per=[0, 0, 1, 1])
+    >>> factors.matrix.toarray()[:, :2].round(1)
+    array([[0. , 0.2],
+           [0.2, 0. ]])
     """
     options, scene = ViewFactorOptions(per=per, **given(*args, **keywords)), measured_scene(scene)
     threads, time = thread_count(options.threads), scene.clamped(options.time)
