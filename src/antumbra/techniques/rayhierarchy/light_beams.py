@@ -192,7 +192,7 @@ def _distant_list(query: ShadowQuery, low: NDArray[np.float64], high: NDArray[np
 
 def _unit(distance: float) -> float:
     """The power of two that scales a distance to between 1 / 2 and 1, limited to exponents of float32."""
-    return 2.0 ** -min(max(math.frexp(distance)[1], -100), 100)
+    return 2.0 ** -min(max(int(np.frexp(distance)[1]), -100), 100)
 
 
 # --- Projection of points: onto the six faces of a cube around the apex, or parallel for distant lights ---------------
