@@ -11,6 +11,7 @@ import functools
 import http.server
 import json
 import queue
+import re
 import shutil
 import subprocess
 import sys
@@ -189,12 +190,20 @@ def search_faults(site: Path) -> list[str]:
     return lines
 
 
+def gallery_faults(site: Path) -> list[str]:
+    """A line per thumbnail of the gallery that opens no page."""
+    paragraphs = re.findall(r"<p>(.*?)</p>", (site / "gallery.html").read_text(encoding="utf-8"), re.DOTALL)
+    thumbnails = [text for text in paragraphs if 'loading="lazy"' in text]
+    lines = [f"gallery.html has a thumbnail without a link: {text}" for text in thumbnails if "<a " not in text]
+    return lines if thumbnails else ["gallery.html has no thumbnails"]
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("site", type=Path, help="the folder of the built site")
     parser.add_argument("--shots", type=Path, metavar="FOLDER")
     options = parser.parse_args()
-    lines, browser = search_faults(options.site), chromium()
+    lines, browser = search_faults(options.site) + gallery_faults(options.site), chromium()
     if browser is None:
         print("pages.py: NO CHROMIUM, so widths and pictures are not checked", file=sys.stderr)
     else:

@@ -68,7 +68,10 @@ def lay_out(app, doctree, page: str) -> None:
 
 
 def _thumbnail(image: nodes.image) -> nodes.paragraph:
-    link = image.parent.deepcopy()
+    parent = image.parent
+    while not isinstance(parent, nodes.reference):  # within it, text that a page is named by
+        parent = parent.parent
+    link = parent.deepcopy()
     next(link.findall(nodes.image))["loading"] = "lazy"
     link += nodes.inline("", image["alt"])
     return nodes.paragraph("", "", link)
