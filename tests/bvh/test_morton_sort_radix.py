@@ -32,7 +32,8 @@ def test_sorts_and_is_stable(kind, bits, dtype):
             assert got[1].dtype == np.int32 and np.array_equal(got[1], values[order])
 
 
-def test_32_bits_are_read_without_sign():
-    keys = np.array([5, -1, 0, -(2**31), 2**31 - 1], np.int32)
-    got = radix_sort(keys.copy(), np.arange(5, dtype=np.int32), 32, 1)
-    assert got[1].tolist() == [2, 0, 4, 3, 1]
+@pytest.mark.parametrize("copies", [1, 1000])
+def test_32_bits_are_read_without_sign(copies):
+    keys = np.repeat(np.array([5, -1, 0, -(2**31), 2**31 - 1], np.int32), copies)
+    got = radix_sort(keys.copy(), np.arange(5 * copies, dtype=np.int32), 32, 1)
+    assert (got[1][::copies] // copies).tolist() == [2, 0, 4, 3, 1] and (np.diff(got[1].reshape(5, -1)) == 1).all()
