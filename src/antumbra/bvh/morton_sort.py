@@ -85,7 +85,6 @@ def write_codes(ticket, vertices, grid, codes, ids):
 
 _NARROW, _WIDE = 8, 10  # bits of a digit
 _LEAST = 8192  # minimum keys in a part
-_FEW = 1024  # keys that NumPy sorts in less time than the passes take to start
 
 
 def _digit_bits(bits: int) -> int:
@@ -154,9 +153,6 @@ def radix_sort(
         Both arrays are overwritten. The results may be these arrays or new ones.
     """
     n, digit = len(keys), _digit_bits(bits)
-    if n <= _FEW:
-        order = np.argsort(keys.view(f"u{keys.itemsize}"), kind="stable")
-        return keys[order], values[order]
     part = max(_LEAST, -(-n // (4 * threads)))
     counts = np.empty((-(-n // part), 1 << digit), np.int32)
     other = recycled_empty((n,), keys.dtype), recycled_empty((n,), values.dtype)
