@@ -423,6 +423,24 @@ def test_cones_are_not_chosen_where_a_sample_has_many_candidates(scene, monkeypa
     assert plans[0] == "cones" and ("cones" in plans[1]) == (not counted)
 
 
+@pytest.mark.parametrize("share", [None, 1.0], ids=["culled", "abandoned"])
+def test_cones_are_compared_with_a_culled_tree(scene, monkeypatch, share):
+    """They once took its place wherever a tree of all triangles, which would not have been built, takes longer."""
+    monkeypatch.setattr(auto_accelerator, "is_compiled", lambda job: True)
+    _builds(monkeypatch, 1e6)
+    monkeypatch.setattr(cost_model, "form_seconds", lambda strategy, triangles: 1e-3 * triangles)
+    _cheap_culling(monkeypatch)
+    camera, light = corner(scene)
+    named = at.render(scene, camera, [light], plan="bsah+single", background=False)
+    _cones_take(monkeypatch, 0.8e6 * scene.n_triangles / named.rays)
+    if share is not None:
+        monkeypatch.setattr(auto_accelerator, "select_seconds", lambda triangles, share: 0.05 if share == 1.0 else 0.0)
+        monkeypatch.setattr(auto_accelerator, "relevant_share", lambda triangles, marking: share)
+    frame = at.render(scene, camera, [light], background=False)
+    assert ("cones" in frame.plan) == (share is not None) and frame.plan.startswith("grid32+") == (share is None)
+    np.testing.assert_array_equal(frame.bits[0], named.bits[0])
+
+
 @pytest.mark.parametrize("height", [1.5, -50.0])
 def test_candidates_of_cones_are_estimated_from_a_sample(scene, height):
     """There are none below a scene whose visible surfaces all face up."""

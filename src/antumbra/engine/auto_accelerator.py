@@ -11,7 +11,8 @@
   are refitted from the first GOOD tree on, BEST trees included. Where the queries are known, a GUIDED tree, built for a
   sample of their rays [Feltman et al. 2012], takes the place of a GOOD one.
 - **Cones.** Queries with one apex and few samples need no tree [Olsson and Assarsson 2011]. Their predicted time is
-  compared with that of a tree and its rays: for all triangles, and for those that culling leaves.
+  compared with that of a tree and its rays: for all triangles, with the better of a tree of these and a tree of those
+  that culling is expected to leave, and for those that it leaves.
 
 The tracer `auto` then chooses the strategy of each query (`auto.strategies`).
 """
@@ -85,7 +86,7 @@ CULLER = "grid32"
 """The culler of `auto`."""
 
 _WORTH_SAMPLING = 0.05  # predicted seconds with a tree from which the candidates of tracers without one are counted,
-_FEW_TRIANGLES = 80_000  # unless they are few: then candidates are
+_FEW_TRIANGLES = 120_000  # unless they are few: then candidates are
 _PATIENCE = 16  # frames without a new try after culling was abandoned
 
 
@@ -148,11 +149,19 @@ class AutoAccelerator(Accelerator):
         once = memory.first_sight(triangles) and self.culls
         serves_once = once and few() is None
         candidates = cache(partial(_candidates, triangles, queries, forecast))
-        treeless = self._treeless(n, candidates, queries, forecast, extent) if serves_once else None
+        whole = self._tree_seconds(n, forecast)
+        culling = self._culling_seconds(queries, forecast, extent) if serves_once else math.inf
+        treeless = (
+            self._treeless(n, min(whole, culling), candidates, queries, forecast, extent) if serves_once else None
+        )
+        culled = None
+        if treeless is None and culling < math.inf:
+            culled = self._try_culling(triangles, queries, forecast, extent, whole - culling)
+            if culled is None and culling < whole:  # what they were compared with does not come about
+                treeless = self._treeless(n, whole, candidates, queries, forecast, extent)
         if treeless is not None:
             memory.moved(triangles)
-            return self._without_tree(treeless, triangles, None)
-        culled = self._try_culling(triangles, queries, forecast, extent) if serves_once else None
+            return self._without_tree(treeless, triangles, None, extent)
         if culled is not None:
             lap("cull")
             tree = self._builder_for(len(culled.kept), forecast.lost)
@@ -163,9 +172,10 @@ class AutoAccelerator(Accelerator):
         if culled is None:
             return self._whole_tree(triangles, queries, once)
         memory.moved(triangles)
-        treeless = self._treeless(len(culled.kept), candidates, queries, forecast, extent)
+        left = self._tree_seconds(len(culled.kept), forecast)
+        treeless = self._treeless(len(culled.kept), left, candidates, queries, forecast, extent)
         if treeless is not None:
-            return self._without_tree(treeless, triangles, culled)
+            return self._without_tree(treeless, triangles, culled, extent)
         why = f"used once; {counted(len(culled.kept), 'triangle', 'matter')}"
         choice = self._choice(tree, why, CULLER)
         solid = solid_of(triangles, culled, self.threads)
@@ -215,22 +225,34 @@ class AutoAccelerator(Accelerator):
             why = FEW_RAYS if tree == QUICK else LONG_RUN
         return self._choice(tree, why, updater=None if memory.updated is None else "refit")
 
-    def _try_culling(
-        self, triangles: Triangles, queries: Sequence[ShadowQuery], forecast: Forecast, extent: SceneExtent
-    ) -> CullResult | None:
-        """The triangles that segments can meet; None if finding them costs more than it saves."""
-        n, size, memory = extent.triangles, size_of(extent.box), self.memory
+    def _culling_seconds(self, queries: Sequence[ShadowQuery], forecast: Forecast, extent: SceneExtent) -> float:
+        """Predicted seconds to cull, to build the tree of what that leaves, and to lose in it; inf: it leaves all."""
+        size, memory = size_of(extent.box), self.memory
         if memory.patience or any(query.light.kind == AMBIENT and query.light.radius >= size for query in queries):
-            return None  # segments reach everything
+            return math.inf  # segments reach everything
         if all(is_scattered(query, extent.box) for query in queries):
-            return None  # so do those of points everywhere
-        tree, direct = partial(_new_tree_seconds, forecast), self._tree_seconds(n, forecast)
-        culled = lambda share: select_seconds(n, share) + tree(round(share * n))
-        if not _loads.pays("culling", direct - mark_seconds(forecast.receivers, len(queries)) - culled(memory.share)):
+            return math.inf  # so do those of points everywhere
+        marking = mark_seconds(forecast.receivers, len(queries))
+        return marking + _culled_seconds(forecast, extent.triangles, memory.share)
+
+    def _try_culling(
+        self,
+        triangles: Triangles,
+        queries: Sequence[ShadowQuery],
+        forecast: Forecast,
+        extent: SceneExtent,
+        gain: float,
+    ) -> CullResult | None:
+        """The triangles that segments can meet; None if finding them costs more than it saves.
+
+        gain : seconds that it is expected to save
+        """
+        n, memory = extent.triangles, self.memory
+        if not _loads.pays("culling", gain):
             return None
         marking = mark_segments(triangles, queries, self.threads)
         memory.share = relevant_share(triangles, marking)
-        if culled(memory.share) > direct:
+        if _culled_seconds(forecast, n, memory.share) > self._tree_seconds(n, forecast):
             memory.patience, memory.share = _PATIENCE, FIRST_SHARE
             return None
         return select_relevant(triangles, marking, self.threads)
@@ -243,6 +265,7 @@ class AutoAccelerator(Accelerator):
     def _treeless(
         self,
         n: int,
+        tree: float,
         candidates: Callable[[str], float],
         queries: Sequence[ShadowQuery],
         forecast: Forecast,
@@ -250,11 +273,12 @@ class AutoAccelerator(Accelerator):
     ) -> str | None:
         """The tracer that is predicted to answer the queries without a tree of n triangles sooner than rays in one.
 
+        tree : predicted seconds until there is the tree that would be built instead, and to lose in it
         candidates : the estimated number of candidates of a tracer, by its name
         """
         if not any(features.rays for features in forecast.features):
             return None
-        with_tree = forecast.seconds + self._tree_seconds(n, forecast)
+        with_tree = forecast.seconds + tree
         for name, tracer in TRACERS.items():
             cost = tracer.cost
             if not isinstance(cost, TreelessCost) or not all(tracer.suits(query, extent.box) for query in queries):
@@ -289,14 +313,16 @@ class AutoAccelerator(Accelerator):
 
     # --- building it
 
-    def _without_tree(self, tracer: str, triangles: Triangles, culled: CullResult | None) -> Accelerated:
+    def _without_tree(
+        self, tracer: str, triangles: Triangles, culled: CullResult | None, extent: SceneExtent
+    ) -> Accelerated:
         """The triangles without a tree, for a tracer that needs none."""
         cost = TRACERS[tracer].cost
         assert isinstance(cost, TreelessCost)
         solid = None if culled is None else solid_of(triangles, culled, self.threads)
         choice = TreeChoice(None if culled is None else CULLER, None, None, None, tracer, cost.reason)
         soup = soup_of(triangles, solid, self.threads)
-        state = TreelessState(tracer, soup, self.memory.strategies, culled is not None)
+        state = TreelessState(tracer, soup, self.memory.strategies, extent, culled is not None)
         return Accelerated(triangles, None, state, self.cutouts_of(triangles), True, choice)
 
     def _whole_tree(self, triangles: Triangles, queries: Sequence[ShadowQuery], once: bool) -> Accelerated:
@@ -384,6 +410,11 @@ def _candidates(triangles: Triangles, queries: Sequence[ShadowQuery], forecast: 
 def _new_tree_seconds(forecast: Forecast, n: int) -> float:
     """Predicted seconds to build the best tree of n triangles for the rays, and to lose in it."""
     return tree_seconds(n, forecast.lost, forecast.strategy, _is_guided())
+
+
+def _culled_seconds(forecast: Forecast, n: int, share: float) -> float:
+    """Predicted seconds to select a share of n triangles, to build the best tree of them, and to lose in it."""
+    return select_seconds(n, share) + _new_tree_seconds(forecast, round(share * n))
 
 
 def _loss(rays: int) -> float:

@@ -27,6 +27,7 @@ from antumbra.techniques.rayhierarchy.triangle_traversal import (
     memory_for,
     occluders_first,
     queue_block,
+    queues_blocks,
     trace_triangles,
     traverse_queues,
     write_rows,
@@ -67,7 +68,8 @@ def _trace_guarded(triangles, beam, arrays, rays, how, pairs, step, memory, foun
     tree, parts, view, leaves = tree_pointers(arrays), len(arrays.faces), view_of(beam), leaves_of(rays)
     soup, n = Soup(ptr(triangles.corners), ptr(triangles.ids)), len(triangles.corners)
     rows, marks, slots, flat = memory.rows, memory.marks, stack_array(np.int32, LANES), ptr(pairs)
-    queues = Queues(flat, ptr_at(flat, QUEUES * step), ptr(marks), step, stack_f32(LANES))
+    blocks = queues_blocks(tree, how)
+    queues = Queues(flat, ptr_at(flat, QUEUES * step), ptr(marks), step, stack_f32(LANES), blocks)
     for first in range(0, n, BATCH):
         last = min(first + BATCH, n)
         for i in range(first, last, LANES):
@@ -112,7 +114,7 @@ def test_queues_never_hold_more_than_they_may(kind, ways, early_accept):
     truth = met_by(query, triangles.vertices.reshape(-1, 9)).any(0)
     assert 0.3 < truth.mean() < 0.7
     held = []
-    for pairs in (BATCH, PAIRS):
+    for pairs in (BATCH, 2 * LANES * LANES, PAIRS):  # the second is the smallest that holds blocks
         made = hierarchy(kind, query, beam, ways, True)
         step = pairs + LANES + MARGIN
         queues = np.full((2, QUEUES, step), GUARD, np.int32)
@@ -124,7 +126,7 @@ def test_queues_never_hold_more_than_they_may(kind, ways, early_accept):
         assert (queues[:, :, pairs + LANES :] == GUARD).all()
         assert made.tree.heights.max() >= 3 or ways == 16
         held.append(int((queues[0] != GUARD).sum(1).max()))
-    assert BATCH // 2 < held[0] <= BATCH + LANES and held[1] > (held[0] if early_accept else 2 * BATCH)
+    assert BATCH // 2 < held[0] <= BATCH + LANES and held[-1] > (held[0] if early_accept else 2 * BATCH)
 
 
 @pytest.mark.parametrize("options", [FASTEST_RAY_HIERARCHY, TABLE_1["Spheres"], TABLE_1["PreciseSEATP"]], ids=str)

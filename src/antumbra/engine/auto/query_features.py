@@ -92,7 +92,7 @@ def _light_sizes(query: ShadowQuery) -> tuple[float, float]:
 
 
 def places_of(query: ShadowQuery) -> NDArray[np.int64]:
-    """(k, 16) int64: flat indices of the receivers of a few tiles, at most `_MEASURED_TILES`; do not write to it."""
+    """(16, k) int64: flat indices of the receivers of a few tiles, at most `_MEASURED_TILES`; do not write to it."""
     shape = tile_shape(query)
     return _places(*query.sides.shape, shape.height, shape.width)
 
@@ -103,20 +103,21 @@ def _places(h: int, w: int, height: int, width: int) -> NDArray[np.int64]:
     count = min(rows * columns, _MEASURED_TILES)
     tiles = np.arange(count) * (rows * columns - 1) // max(count - 1, 1)
     lanes = np.arange(min(height, h))[:, None] * w + np.arange(min(width, w))
-    return (tiles // columns * height * w + tiles % columns * width)[:, None] + lanes.reshape(-1)
+    return lanes.reshape(-1, 1) + (tiles // columns * height * w + tiles % columns * width)
 
 
 def tile_size(query: ShadowQuery, places: NDArray[np.int64]) -> float:
     """Mean size of the box of a tile's receivers; `places`: those of tiles, from `places_of`."""
-    points, valid = query.origins.reshape(-1, 3)[places], query.sides.reshape(-1)[places] != NOTHING
-    if valid.all() and valid.shape[1] > 1:  # as in most pictures
-        return float((points.max(1).astype(np.float64) - points.min(1)).sum(1).mean())
-    several = valid.sum(1) > 1
-    if not several.any():
+    if len(places) < 2:
         return 0.0
-    points, there = points[several], valid[several][:, :, None]
-    lower, upper = np.where(there, points, np.inf).min(1), np.where(there, points, -np.inf).max(1)
-    return float((upper.astype(np.float64) - lower).sum(1).mean())
+    points, there = query.origins.reshape(-1, 3).take(places, 0), query.sides.reshape(-1).take(places) != NOTHING
+    if there.all():  # as in most pictures
+        low, high = points.min(0), points.max(0)
+    else:
+        inside, several = there[:, :, None], there.sum(0) > 1
+        low, high = np.where(inside, points, np.inf).min(0), np.where(inside, points, -np.inf).max(0)
+        low, high = low[several], high[several]
+    return float(np.subtract(high, low, dtype=np.float64).sum()) / max(len(low), 1)
 
 
 def facing_share(query: ShadowQuery, places: NDArray[np.int64]) -> float:
@@ -124,22 +125,23 @@ def facing_share(query: ShadowQuery, places: NDArray[np.int64]) -> float:
 
     places : those of tiles, from `places_of`
     """
-    light, some = query.light, places[:, ::_FACING_STEP].reshape(-1)
+    light, some = query.light, places[::_FACING_STEP].reshape(-1)
     if light.kind == AMBIENT or query.sides.size * query.samples.shape[1] < _FEW_RAYS:
         return 1.0
-    sides, faces = query.sides.reshape(-1)[some], query.faces.reshape(-1)[some]
-    there = np.flatnonzero((sides != NOTHING) & (faces >= 0))
-    if not len(there):
-        return 1.0
-    a, b, c = query.corners[faces[there]].reshape(-1, 3, 3).swapaxes(0, 1)
-    u, v = b - a, c - a
-    normals = u[:, _YZX] * v[:, _ZXY] - u[:, _ZXY] * v[:, _YZX]  # np.cross takes three times that
-    normals *= sides[there, None]
+    sides, faces = query.sides.reshape(-1).take(some), query.faces.reshape(-1).take(some)
+    there = (sides != NOTHING) & (faces >= 0)
+    if not there.all():
+        some, sides, faces = some[there], sides[there], faces[there]
+        if not len(some):
+            return 1.0
+    corners = np.ascontiguousarray(query.corners.take(faces, 0).T)  # NumPy is slow for rows of three
+    u, v = corners[3:6] - corners[:3], corners[6:] - corners[:3]
+    normals = (u[_YZX] * v[_ZXY] - u[_ZXY] * v[_YZX]) * sides  # np.cross takes three times that
     samples = query.samples[0, :: -(-query.samples.shape[1] // _FACING_POINTS)]
-    points = light.base + (0.0 if light.kind == SPHERE else samples @ np.stack([light.u, light.v, light.w]))
-    points = points.reshape(-1, 1, 3)
-    towards = points if light.kind == DIRECTIONAL else points - query.origins.reshape(-1, 3)[some[there]]
-    return float(((normals * towards).sum(-1) > 0.0).mean())
+    points = light.base + (0.0 if light.kind == SPHERE else samples @ np.stack((light.u, light.v, light.w)))
+    points = points.reshape(-1, 3, 1)
+    towards = points if light.kind == DIRECTIONAL else points - query.origins.reshape(-1, 3).take(some, 0).T
+    return float(((normals * towards).sum(1) > 0.0).mean())
 
 
 def if_sorted(query: ShadowQuery, features: QueryFeatures, size: float) -> QueryFeatures:
@@ -202,15 +204,19 @@ def sample_of(query: ShadowQuery, windows: int) -> ShadowQuery:
     places = places[occupied] if occupied.any() else places
     # a stride of the golden ratio spreads even a few windows over all rows and columns
     chosen = _distinct(places[(np.arange(1, windows + 1) * 0.618034 % 1.0 * len(places)).astype(int)])
-    y, x = y[chosen], x[chosen]
-    join = lambda a: np.concatenate([a[i : i + height, j : j + width] for i, j in zip(y, x)], axis=0 if h > 1 else 1)
-    return with_receivers(query, join)._replace(samples=np.ascontiguousarray(query.samples[:, :STRATA]))
+    lanes = np.arange(height)[:, None] * w + np.arange(width)
+    shape = (len(chosen) * height, width) if h > 1 else (1, len(chosen) * width)
+    joined = ((y * w + x)[chosen, None, None] + lanes).reshape(shape)
+    windows_of = lambda a: a.reshape(-1, *a.shape[2:]).take(joined, 0)
+    return with_receivers(query, windows_of)._replace(samples=np.ascontiguousarray(query.samples[:, :STRATA]))
 
 
 def _distinct(numbers: NDArray[np.integer]) -> NDArray[np.integer]:
-    """The distinct numbers of an array, all >= 0, in order; ``np.unique`` would import numpy.ma, which takes long."""
+    """The distinct numbers of an array, in order; ``np.unique`` would import numpy.ma, which takes long."""
     numbers = np.sort(numbers)
-    return numbers[np.diff(numbers, prepend=-1) > 0]
+    new = np.ones(len(numbers), bool)
+    np.not_equal(numbers[1:], numbers[:-1], out=new[1:])
+    return numbers[new]
 
 
 def tile_of(query: ShadowQuery) -> ShadowQuery:

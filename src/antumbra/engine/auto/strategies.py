@@ -552,12 +552,15 @@ class TreelessState(TracerState):
         Name of the tracer.
     soup : Soup
     memory : StrategyMemory
+    extent : SceneExtent
+        Of the scene.
     culled : bool
         Whether the soup lacks triangles that culling has dropped.
     """
 
-    def __init__(self, strategy: str, soup: Soup, memory: StrategyMemory, culled: bool):
+    def __init__(self, strategy: str, soup: Soup, memory: StrategyMemory, extent: SceneExtent, culled: bool):
         self.strategy, self.soup, self.memory, self.culled = strategy, soup, memory, culled
+        self.extent = extent
 
     def begin(self) -> None:
         """Begin a frame, or a query of points."""
@@ -582,7 +585,8 @@ class TreelessState(TracerState):
         start = _clock(tracer, threads)
         tracer.trace(self.soup, query, bits, threads, counters, progress, fresh)
         seconds = _clock(tracer, threads) - start
-        choice = StrategyChoice(self.strategy, ray_count(query), "prediction", 0.0, {}, seconds=seconds)
+        rays = features_of(query, *self.extent).rays  # known since the choice
+        choice = StrategyChoice(self.strategy, rays, "prediction", 0.0, {}, seconds=seconds)
         self.memory.learn((self.strategy,), choice, None)
 
 

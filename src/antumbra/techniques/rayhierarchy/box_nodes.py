@@ -24,6 +24,7 @@ from ...kernels.simd import (
     absolute,
     as_i32,
     bits,
+    broadcast16,
     fma,
     gather,
     get,
@@ -473,6 +474,33 @@ def _possible_boxes(group, row, ways, alive):
 
 
 @inlined
+def _farthest_outside(block, k, low, high):
+    """mask16 of the triangles for which the farthest corner of a box is on the negative side of outer plane k."""
+    at, zero = LANES * (OUTER + 4 * k), _F(0.0)
+    a, b, d = load16(block, at), load16(block, at + LANES), load16(block, at + 3 * LANES)
+    f = fma(select(a > zero, high.x, low.x), a, load16(block, at + 2 * LANES))
+    f = fma(select(b > zero, high.y, low.y), b, f)
+    return fma(select(d > zero, high.z, low.z), d, f) < zero
+
+
+@kernel
+def _possible_triangles_of_box(group, node, block, ways):
+    """Bits of the triangles among 16 that may block rays of one box: `_possible_boxes` with the roles exchanged."""
+    low = Vec3(broadcast16(group, node), broadcast16(group, 2 * ways + node), broadcast16(group, 4 * ways + node))
+    node += ways
+    high = Vec3(broadcast16(group, node), broadcast16(group, 2 * ways + node), broadcast16(group, 4 * ways + node))
+    box, n = ptr_at(block, LANES * BOX), LANES
+    overlaps = (low.x <= load16(box, n)) & (high.x >= load16(box, 0)) & (low.y <= load16(box, 3 * n))
+    overlaps = overlaps & (high.y >= load16(box, 2 * n)) & (low.z <= load16(box, 5 * n))
+    candidates = bits(overlaps & (high.z >= load16(box, 4 * n)))
+    if candidates == 0:
+        return candidates
+    outside = _farthest_outside(block, 3, low, high) | _farthest_outside(block, 0, low, high)
+    outside = outside | _farthest_outside(block, 1, low, high) | _farthest_outside(block, 2, low, high)
+    return candidates & ~bits(outside)
+
+
+@inlined
 def _inside(group, row, at, ways):
     """mask16 of the nodes whose nearest corner is on the positive side of an inner plane."""
     u = load16(group, (0 if number(row, at) > 0 else 1) * ways)
@@ -507,6 +535,12 @@ def _writes_sixteen(nodes):
 def _possible(nodes, group, row, ways, alive, spheres):
     if nodes.instance_class is Boxes:
         return lambda nodes, group, row, ways, alive, spheres: _possible_boxes(group, row, ways, alive)
+
+
+@overload(ray_tree.possible_triangles)
+def _possible_triangles(nodes, group, node, block, ways):
+    if nodes.instance_class is Boxes:
+        return lambda nodes, group, node, block, ways: _possible_triangles_of_box(group, node, block, ways)
 
 
 @overload(ray_tree.covered)

@@ -39,13 +39,13 @@ class RayHierarchyTracer(Tracer):
 
 def cone_rate(features: QueryFeatures) -> float:
     """Nanoseconds per ray by `cones`, to one apex: of its own, and shares of those per triangle and per query."""
-    return 10.0 + 5.0 * features.facing + (7.0 * features.triangles + 1e6) / max(features.rays, 1)
+    return 5.0 + 10.0 * features.facing + (13.0 * features.triangles + 2.3e6) / max(features.rays, 1)
 
 
 class FastestCones(RayHierarchyTracer):
     """The tracer `cones`."""
 
-    cost = TreelessCost(cone_rate, candidate=3.0, reason="one apex")
+    cost = TreelessCost(cone_rate, candidate=2.0, reason="one apex")
 
     def __init__(self) -> None:
         text = "a hierarchy over the shadow rays, traversed by triangles, instead of one over the scene"

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...kernels.jit import inlined, kernel, overloaded
+from ...kernels.marshalling import packed
 from ...kernels.parallel import items, new_ticket, run_short
 from ...kernels.simd import get, ptr, ptr_at, put
 from .light_beams import Beam, view_of
@@ -55,6 +56,14 @@ def meet_union(nodes, group, union, ways):
 @overloaded("box_nodes", "shaft_hierarchy")
 def possible(nodes, group, row, ways, alive, spheres):
     """In kernels: bits of the `alive` nodes of a group with rays that the triangle may block."""
+
+
+@overloaded("box_nodes", "shaft_hierarchy")
+def possible_triangles(nodes, group, node, block, ways):
+    """In kernels: bits of the triangles among 16 that may block rays of a node of a group, if `writes_sixteen`.
+
+    block : pointer to the first number of the triangles' rows
+    """
 
 
 @overloaded("box_nodes", "shaft_hierarchy")
@@ -164,7 +173,8 @@ def tree_of(kind: Any, beam: Beam, rays: LeafRays, threads: int, empty: Empty = 
     numbers[-PAD:] = 0
     alive = np.zeros(total + PAD, np.int32)
     tree = RayTree(ways, shift, nodes, step, numbers, alive, heights, sizes, groups, rays.starts, rays.faces)
+    bounded = packed(tree), packed(beam), packed(rays)
     for level in range(int(heights.max(initial=0))):
         starts = np.append(0, np.cumsum(-(-sizes[:, level] // ways)))
-        run_short(_bound, threads, new_ticket(int(starts[-1]), 64), tree, beam, rays, level, starts)
+        run_short(_bound, threads, new_ticket(int(starts[-1]), 64), *bounded, level, starts)
     return tree

@@ -5,6 +5,10 @@ and Assarsson 2011, Sec. 3.1]. A queue is processed before the queue below it, s
 sequence. If the queue below is full, it is processed first (Sec. 4.2). Each thread therefore stores a fixed number of
 pairs per level, independent of the number of triangles.
 
+Blocks. Triangles that follow each other are usually close, so 16 of them are queued as one pair where they meet fewer
+nodes than they are: each node is then tested against the 16 triangles at once, instead of each triangle against the 16
+nodes of a group.
+
 Occluders. In a two-pass traversal, good occluders go first (Sec. 3.4). The report does not define good occluders.
 Several rules were measured (docs/design/rayhierarchy.md): what matters is the share of the light's directions that a
 triangle hides.
@@ -47,6 +51,7 @@ from .ray_tree import (
     groups_of,
     meet_union,
     possible,
+    possible_triangles,
     size_of,
     tree_pointers,
     union_of,
@@ -102,12 +107,15 @@ def occluders_first(
 # --- Traversal --------------------------------------------------------------------------------------------------------
 
 BATCH = 128
-"""Triangles per batch; a multiple of 16. A batch is traversed together."""
+"""Triangles per batch; a power of two, at least 16. A batch is traversed together."""
 
 BLOCKS = BATCH // LANES
 
 PAIRS = 2048
 """Maximum number of pairs in a queue; at least BATCH and at least 16."""
+
+BLOCK_BITS = BATCH.bit_length() - 1  # of a row in a batch; the bits above them are the triangles of a queued block
+FEW = 3  # triangles of a block that are queued together
 
 QUEUES = LEVELS + 1
 _AHEAD = 8  # leaves to prefetch ahead of the tested leaf
@@ -129,11 +137,13 @@ class Queues(NamedTuple):
     Queue 0 pairs triangles with leaves. Queue k + 1 pairs triangles with groups of level k.
     """
 
-    rows: I32Ptr  # (QUEUES, pairs + 16): the triangle's row in the batch
+    rows: I32Ptr  # (QUEUES, pairs + 16): the triangle's row in the batch; of a block, its first row, and bits of its
+    # triangles from BLOCK_BITS on
     groups: I32Ptr  # (QUEUES, pairs + 16): the group, or the leaf in queue 0
     counts: I32Ptr  # (QUEUES,): pairs in each queue
     step: int  # pairs + 16
     union: F32Ptr  # (6,) float32: scratch memory
+    blocks: bool  # whether triangles are queued as blocks, see `queues_blocks`
 
 
 class TraversalMemory(NamedTuple):
@@ -222,6 +232,56 @@ def _visit(tree, part, leaves, level, group, first, numbers, how, counters):
     return candidates
 
 
+@inlined
+def queues_blocks(tree, how):
+    """Whether blocks are queued: the nodes must allow it, and a queue must hold all pairs of one block and group."""
+    return tree.ways == LANES and how.pairs >= 2 * LANES * LANES and writes_sixteen(tree.nodes)
+
+
+class QueuedBlock(NamedTuple):
+    """Some triangles of a block, paired with a group."""
+
+    row: int  # the first row of the block
+    lanes: int  # bits of the triangles
+    group: int
+
+
+@kernel
+def _visit_block(tree, place, pair, rows, queues, below, counters):
+    """Test the nodes that a block's triangles meet, each against all of them; return the new length of the next queue.
+
+    -1: each triangle should be tested alone, because they meet as many nodes as there are triangles.
+    """
+    # In: place, (part, level) of the group; pair, a `QueuedBlock`; below, length of the next queue
+    (part, level), (row, lanes, group) = place, pair
+    at, block = groups_of(tree, part, level) + group, row_at(rows, row)
+    numbers = group_at(tree, at)
+    union_of(tree.nodes, block, lanes, queues.union)
+    met = meet_union(tree.nodes, numbers, queues.union, tree.ways) & get(tree.alive, at)
+    if popcount(met) >= popcount(lanes):
+        return np.int64(-1)
+    to_rows, to_groups = ptr_at(queues.rows, level * queues.step), ptr_at(queues.groups, level * queues.step)
+    count(counters, NODES, popcount(met) * popcount(lanes))
+    while met != 0:
+        node = lowest_bit(met)
+        met &= met - 1
+        some = possible_triangles(tree.nodes, numbers, node, block, tree.ways) & lanes
+        count(counters, CANDIDATES, popcount(some))
+        store(to_groups, below, splat16(np.int32(group * tree.ways + node)))
+        below += _queue(to_rows, below, row, some, level > 0)
+    return np.int64(below)
+
+
+@inlined
+def _queue(rows, at, row, lanes, as_block):
+    """Write some triangles of a block to a queue's rows; return their number there: 1 if they stay together."""
+    if as_block and popcount(lanes) >= FEW:
+        put(rows, at, lanes << BLOCK_BITS | row)
+        return 1
+    store_compressed(rows, at, mask_from_bits16(lanes), iota16() + np.int32(row))
+    return popcount(lanes)
+
+
 @kernel
 def _process_queue(tree, part, level, leaves, rows, queues, how, counters):
     """Test a level's pairs, last first, until the queue is empty or the next queue is full.
@@ -231,10 +291,20 @@ def _process_queue(tree, part, level, leaves, rows, queues, how, counters):
     n, below = get(queues.counts, level + 1), get(queues.counts, level)
     to_rows, to_groups = ptr_at(queues.rows, level * queues.step), ptr_at(queues.groups, level * queues.step)
     from_rows, from_groups = ptr_at(to_rows, queues.step), ptr_at(to_groups, queues.step)
-    start, room = groups_of(tree, part, level), how.pairs - tree.ways
+    start = groups_of(tree, part, level)
+    room = how.pairs - (LANES * LANES if queues.blocks else tree.ways)
     while n > 0 and below <= room:
         n -= 1
         row, g = get(from_rows, n), get(from_groups, n)
+        if row >= BATCH:
+            block = QueuedBlock(np.int64(row & (BATCH - 1)), np.int64(row >> BLOCK_BITS), np.int64(g))
+            after = _visit_block(tree, (part, level), block, rows, queues, below, counters)
+            if after < 0:
+                store(from_groups, n, splat16(g))
+                n += _queue(from_rows, n, block.row, block.lanes, False)
+            else:
+                below = after
+            continue
         first = g * tree.ways
         candidates = _visit(tree, part, leaves, level, start + g, first, row_at(rows, row), how, counters)
         store(to_rows, below, splat16(np.int32(row)))
@@ -343,9 +413,9 @@ def queue_block(tree, part, block, rows, lanes, queues):
         return
     queue = level + 1
     at = queue * queues.step + get(queues.counts, queue)
-    store_compressed(queues.rows, at, mask_from_bits16(lanes), iota16() + np.int32(block * LANES))
     store(queues.groups, at, splat16(np.int32(g)))
-    put(queues.counts, queue, get(queues.counts, queue) + popcount(lanes))
+    n = _queue(queues.rows, at, block * LANES, lanes, queues.blocks)
+    put(queues.counts, queue, get(queues.counts, queue) + n)
 
 
 @kernel
@@ -355,7 +425,8 @@ def trace_triangles(ticket, triangles, picks, beam, arrays, rays, how, counters,
     soup, step = Soup(ptr(triangles.corners), ptr(triangles.ids)), how.pairs + LANES
     thread_counters = cleared(stack_i64(N_COUNTERS))
     marks, pairs = memory.marks, memory.pairs
-    queues = Queues(ptr(pairs), ptr_at(pairs, QUEUES * step), ptr(marks), step, stack_f32(LANES))
+    blocks = queues_blocks(tree, how)
+    queues = Queues(ptr(pairs), ptr_at(pairs, QUEUES * step), ptr(marks), step, stack_f32(LANES), blocks)
     rows, face_lanes, slots = ptr(memory.rows), ptr_at(marks, QUEUES), ptr_at(marks, QUEUES + parts * BLOCKS)
     for first, last in shares(ticket):
         for i in range(first, last, LANES):

@@ -362,6 +362,12 @@ def _possible(nodes, group, row, ways, alive, spheres):
         return lambda nodes, group, row, ways, alive, spheres: possible_cones(group, row, ways, alive, spheres)
 
 
+@overload(ray_tree.possible_triangles)
+def _possible_triangles(nodes, group, node, block, ways):
+    if nodes.instance_class is Cones:
+        return lambda nodes, group, node, block, ways: np.int64(0)
+
+
 @overload(ray_tree.covered)
 def _covered(nodes, group, row, ways, among):
     if nodes.instance_class is Cones:
