@@ -13,6 +13,7 @@ cut-outs, clear faces and triangles of zero area.
 """
 
 from collections.abc import Callable, Iterable, Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -418,4 +419,10 @@ def soup_of(triangles: Triangles, culled: CullResult | None = None, threads: int
         return Soup(culled.vertices.reshape(-1, 9), culled.kept)
     if triangles.solid is not None:
         return Soup(solid_vertices(triangles, threads).reshape(-1, 9), triangles.solid)
-    return Soup(triangles.vertices.reshape(-1, 9), np.arange(len(triangles.vertices), dtype=np.int32))
+    return Soup(triangles.vertices.reshape(-1, 9), indices_of(len(triangles.vertices)))
+
+
+@lru_cache(1)
+def indices_of(n: int) -> NDArray[np.int32]:
+    """(n,) int32: 0 to n - 1, kept for the next frame, since new memory takes long; do not write to it."""
+    return np.arange(n, dtype=np.int32)

@@ -45,7 +45,7 @@ def cone_rate(features: QueryFeatures) -> float:
 class FastestCones(RayHierarchyTracer):
     """The tracer `cones`."""
 
-    cost = TreelessCost(cone_rate, candidate=2.0, reason="one apex")
+    cost = TreelessCost(cone_rate, candidate=2.5, reason="one apex")
 
     def __init__(self) -> None:
         text = "a hierarchy over the shadow rays, traversed by triangles, instead of one over the scene"

@@ -23,7 +23,7 @@ from ...kernels.parallel import new_ticket, run, thread_count
 from ...query.shadow_query import ShadowQuery, with_receivers
 from ...scene.lights import FIXED, LIST
 from ...trace.counters import BOX_TESTS, N_COUNTERS, NODES, TRIANGLE_TESTS, new_counters
-from ..culling.pre_bvh_culling import Soup
+from ..culling.pre_bvh_culling import Soup, indices_of
 from ..tracer_options import RayHierarchyOptions
 from . import shaft_hierarchy
 from .box_nodes import Boxes
@@ -236,4 +236,4 @@ def _picks(soup: Soup, threads: int, options: RayHierarchyOptions) -> NDArray[np
     """All triangles, in traversal order."""
     if options.clustered and len(soup.corners):
         return sort_by_codes(soup.corners, 10, threads)[1]
-    return np.arange(len(soup.corners), dtype=np.int32)
+    return indices_of(len(soup.corners))
