@@ -269,6 +269,26 @@ def test_directions_may_have_any_length(scale):
     np.testing.assert_allclose(found[2], wanted[2], rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("scale", [2.0**-90, 1.0, 2.0**100])
+def test_directions_in_single_precision_are_traced_as_they_are(scale):
+    """Alone or beside rays that are none, which are found only while rays are traced."""
+    origins, directions = rays(60)
+    single = directions.astype(np.float32)
+    ours = at.trimesh_ray(ball())
+    wanted = ours.intersects_id(origins, single.astype(np.float64), return_locations=True)
+    scaled = single * np.float32(scale)
+    none = np.repeat(np.float32([[0, 0, 0], [np.nan, 1, 0], [np.inf, 1, 0], [1, 0, -np.inf]]), 15, axis=0)
+    for others in (none[:0], none):
+        starts, both = np.concatenate([origins, origins[: len(others)]]), np.concatenate([scaled, others])
+        found = ours.intersects_id(starts, both, return_locations=True)
+        assert len(found[0]) > 9 and all((a == b).all() for a, b in zip(found[:2], wanted[:2]))
+        np.testing.assert_allclose(found[2], wanted[2], rtol=0, atol=1e-12)
+        first = ours.intersects_first(starts, both)
+        assert (first[:60] == ours.intersects_first(origins, directions)).all() and (first[60:] == -1).all()
+        hit = ours.intersects_any(starts, both)
+        assert hit[:60].any() and not hit[60:].any() and (hit == (first >= 0)).all()
+
+
 def test_arguments_are_those_of_trimesh():
     origins, directions = rays(60)
     ours = at.trimesh_ray(ball())

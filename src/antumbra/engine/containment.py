@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..base.wording import counted
 from ..query.cap_columns import AXES, all_directions
-from ..query.ray_list import RayArguments
+from ..query.ray_list import RayArguments, rays_along
 from ..trace.rays.all_hits import ON_SURFACE
 from ..trace.rays.inside_votes import MOST, ON_CAP, WITHIN, Caps, Election
 from .sources.source_protocols import Bodies
@@ -32,9 +32,9 @@ def inside_of(bodies: Bodies, rays: RayArguments, threads: int) -> NDArray[np.bo
         along, unknown = _direction(rays), found.unknown
         threads = threads if len(found.places) >= _THREADS_PAY else 1
         if unknown:
-            first = _rays_from(found.points[:unknown], along, rays.time)
+            first = rays_along(found.points[:unknown], along, time=rays.time)
             found.crossings[:unknown] = bodies.crossings(first, threads)
-        others = _rays_from(found.points, along, rays.time)
+        others = rays_along(found.points, along, time=rays.time)
         found.inside[found.places] = _by_rays(bodies, others, found.crossings, threads)
     return found.inside
 
@@ -73,11 +73,6 @@ def _by_caps(
     return np.asarray(inside)
 
 
-def _rays_from(points: NDArray[np.float32], along: NDArray[np.float32], time: float) -> RayArguments:
-    """Rays from points in the frame, (m, 3), along one direction, (3,)."""
-    return RayArguments(points, along, 0.0, np.inf, -1.0, (len(points),), 0, False, (0.0, 0.0, 0.0), time)
-
-
 def _by_votes(
     bodies: Bodies, points: NDArray[np.float32], axis: NDArray[np.float32], first: NDArray[np.bool_], threads: int
 ) -> NDArray[np.bool_]:
@@ -89,7 +84,7 @@ def _by_votes(
     """
 
     def is_odd(origins: NDArray[np.float32], along: NDArray[np.float32]) -> NDArray[np.bool_]:
-        return (bodies.crossings(_rays_from(origins, along, bodies.time), threads) & 1).astype(np.bool_)
+        return (bodies.crossings(rays_along(origins, along, time=bodies.time), threads) & 1).astype(np.bool_)
 
     others = all_directions(axis)[1:]
     axes, diagonals = others[: AXES - 1], others[AXES - 1 :]

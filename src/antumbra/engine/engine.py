@@ -19,7 +19,7 @@ from ..kernels.parallel import thread_count
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples
 from ..query.point_list import PointArguments, points_of
-from ..query.ray_list import cull_value, failing, rays_of, segments_between
+from ..query.ray_list import cull_value, failing, rays_along, rays_of, segments_between
 from ..query.receivers import Receivers
 from ..query.shadow_query import ShadowQuery
 from ..scene.camera import Camera
@@ -313,10 +313,11 @@ class Engine(RayQueries):
         moment = self._moment(time)
         bodies = self.source.ray_lists.bodies(moment)
         along = np.eye(3)["xyz".index(self.data.up)] if bodies.along is None else bodies.along
-        rays = rays_of(points.points, along, HitFilter(0.0, np.inf), self._frame, self._n_faces, None, moment)
+        rays = rays_along(points.points, along, points.frame, moment)
         if bodies.open_edges or self.data.notes:
             self.data.notes = with_note(self.data.notes, self.data.name, bodies.open_edges)
-        return inside_of(bodies, rays, self._count(threads)).reshape(rays.shape)
+        inside = inside_of(bodies, rays, self._count(threads))
+        return inside if len(rays.shape) == 1 else inside.reshape(rays.shape)
 
     def _closest_points(self, points: "ArrayLike", time: float, threads: int | None) -> ClosestPoints:
         return self._closest_to(*points_of(points, self._frame).without_failed(), time, threads)
@@ -330,6 +331,8 @@ class Engine(RayQueries):
         if len(failed):
             found.distance[failed], found.position[failed] = np.nan, np.nan
             found.face[failed], found.u[failed], found.v[failed] = -1, 0.0, 0.0
+        if len(points.shape) == 1:
+            return found
         arrays: list[Any] = [array.reshape((*points.shape, *array.shape[1:])) for array in found]
         return ClosestPoints(*arrays)
 

@@ -7,8 +7,9 @@ trimesh has two intersectors, `ray_triangle` and `ray_pyembree`. Where their con
 all second hits, and one face for each location, also where a ray meets an edge or a vertex.
 """
 
+from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple, Self, cast
+from typing import Any, NamedTuple, Self, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +19,9 @@ from ..base.errors import InputError
 from ..base.extras import import_extra
 from ..engine.scene import Scene
 from ..formats.library_meshes import MESH_UP
+from ..scene.triangles import Hit
+
+_T = TypeVar("_T")
 
 _STEEP = 1e-5  # least sine of the angle between ray and plane for which trimesh's planes give precise locations
 
@@ -153,10 +157,10 @@ def _copy(mesh: Any, *arguments: Any, **options: Any) -> Any:
 
 
 class _RayRows(NamedTuple):
-    """Checked rays. trimesh's intersectors let rays without a direction miss; here, their interval is empty."""
+    """Rays with checked shapes. trimesh's intersectors let rays without a direction miss, see `_traced`."""
 
     origins: np.ndarray  # (n, 3) float
-    directions: np.ndarray  # (n, 3) float, none zero
+    directions: np.ndarray  # (n, 3) float
     tmax: Any  # inf, or (n,) float64: 0 for rays that miss everything
 
 
@@ -219,13 +223,15 @@ class RayMeshIntersector:
             Directions need not be unit vectors. Rays whose direction is zero, NaN or infinite miss, as do those whose
             origin is not finite. A face through the origin is no hit.
         """
-        rays = _checked(ray_origins, ray_directions)
-        return self.scene.occluded(rays.origins, rays.directions, tmax=rays.tmax)
+        scene = self.scene
+        return _traced(
+            lambda rays: scene.occluded(rays.origins, rays.directions, tmax=rays.tmax),
+            _checked(ray_origins, ray_directions),
+        )
 
     def intersects_first(self, ray_origins: ArrayLike, ray_directions: ArrayLike) -> NDArray[np.int32]:
         """(n,) int32: the first face that each ray hits, as `Scene.closest_hit` orders them; -1: none."""
-        rays = _checked(ray_origins, ray_directions)
-        return self.scene.closest_hit(rays.origins, rays.directions, tmax=rays.tmax).face
+        return self._closest(_checked(ray_origins, ray_directions)).face
 
     def intersects_id(
         self,
@@ -276,13 +282,18 @@ class RayMeshIntersector:
         """(n,) bool: whether the mesh contains each of the points, (n, 3) float. Points on the surface are inside."""
         return self.scene.contains(rows_of(points, "points", 3, 2))
 
+    def _closest(self, rays: _RayRows) -> Hit:
+        scene = self.scene
+        return _traced(lambda rays: scene.closest_hit(rays.origins, rays.directions, tmax=rays.tmax), rays)
+
     def _first_hits(self, rays: _RayRows) -> _Hits:
-        hit = self.scene.closest_hit(rays.origins, rays.directions, tmax=rays.tmax)
+        hit = self._closest(rays)
         ray = np.flatnonzero(hit.mask)
         return _Hits(ray, hit.face[ray].astype(np.int64), hit.t[ray])
 
     def _all_hits(self, rays: _RayRows, limit: int | None) -> _Hits:
-        found = self.scene.all_hits(rays.origins, rays.directions, tmax=rays.tmax)
+        scene = self.scene
+        found = _traced(lambda rays: scene.all_hits(rays.origins, rays.directions, tmax=rays.tmax), rays)
         hits = _Hits(found.ray, found.face.astype(np.int64), found.t)
         new = np.ones(
             len(hits.t), bool
@@ -304,7 +315,7 @@ class RayMeshIntersector:
         The scene has float32 vertices, so its t gives these only to float32 precision. It stands in for rays almost in
         the plane, which trimesh drops.
         """
-        origins, directions = rays.origins[hits.ray], rays.directions[hits.ray]
+        origins, directions = rays.origins[hits.ray], rays.directions[hits.ray].astype(np.float64)
         # plain views: a part of a tracked array makes trimesh hash the whole mesh again
         vertices, faces, normals = (
             np.asarray(each) for each in (self.mesh.vertices, self.mesh.faces, self.mesh.face_normals)
@@ -318,36 +329,48 @@ class RayMeshIntersector:
 
 
 _LARGEST = 2.0**100  # coordinates up to it fit float32, also after recentring
-_ORDINARY = 2.0**-60, 2.0**60  # lengths of directions that are passed on as they are
+_ORDINARY = 2.0**-60, 2.0**60  # lengths of float64 directions that are passed on as they are
 
 
 def _checked(ray_origins: ArrayLike, ray_directions: ArrayLike) -> _RayRows:
+    """Rays whose directions fit float32: as they are, if that is certain; otherwise scaled, without those that miss."""
     origins, directions = _rows(ray_origins, "ray_origins"), _rows(ray_directions, "ray_directions")
     if origins.shape != directions.shape:
         raise InputError(f"{len(origins)} ray_origins and {len(directions)} ray_directions; give one of each per ray")
-    if _are_ordinary(origins, directions):
-        return _RayRows(origins, directions, np.inf)
-    longest, farthest = (np.abs(each).max(axis=1, initial=0.0) for each in (directions, origins))
-    misses = ~((longest > 0.0) & (longest < np.inf) & (farthest <= _LARGEST))  # NaN, too
-    _, exponents = np.frexp(np.where(misses, 1.0, longest).astype(np.float64))
-    scaled = np.ldexp(directions.astype(np.float64), -exponents[:, None])  # exact
-    blank = misses[:, None]
-    return _RayRows(np.where(blank, 0.0, origins), np.where(blank, 1.0, scaled), np.where(misses, 0.0, np.inf))
+    rays = _RayRows(origins, directions, np.inf)
+    near = float(np.einsum("ij,ij->", origins, origins)) <= _LARGEST**2  # false for NaN, too
+    if near and (directions.dtype == np.float32 or _are_ordinary(directions)):
+        return rays
+    origins, directions, tmax = _without_misses(rays)
+    _, exponents = np.frexp(np.abs(directions).max(axis=1, initial=0.0).astype(np.float64))
+    return _RayRows(origins, np.ldexp(directions.astype(np.float64), -exponents[:, None]), tmax)  # exact
 
 
-def _are_ordinary(origins: NDArray[Any], directions: NDArray[Any]) -> bool:
-    """Whether all rays surely may be passed on as they are, by sums, since other tests take longer than tracing.
-
-    Sums that are NaN or too large, of numbers that need not be, only take the slower way.
-    """
-    if not len(origins):
-        return True
-    low, high = _ORDINARY
+def _are_ordinary(directions: NDArray[Any]) -> bool:
+    """Whether all lengths are ordinary, by their squares, since other tests take longer than tracing."""
     # not `vdot`, whose threads stay busy for a while, and take the cores from rays
-    sums = [float(np.einsum("ij,ij->", each, each)) for each in (origins, directions)]
-    if not (sums[0] <= _LARGEST**2 and sums[1] <= high**2):
-        return False
-    return bool(np.einsum("ij,ij->i", directions, directions).min() >= low**2)  # without a dtype, five times as fast
+    if not len(directions):
+        return True
+    squares = np.einsum("ij,ij->i", directions, directions)  # without a dtype, five times as fast
+    low, high = _ORDINARY
+    return bool(squares.min() >= low**2 and squares.max() <= high**2)  # false for NaN
+
+
+def _without_misses(rays: _RayRows) -> _RayRows:
+    """The rays, with empty intervals in place of those that miss everything, and numbers in place of theirs."""
+    longest, farthest = (np.abs(each).max(axis=1, initial=0.0) for each in (rays.directions, rays.origins))
+    misses = ~((longest > 0.0) & (longest < np.inf) & (farthest <= _LARGEST))  # NaN, too
+    blank = misses[:, None]
+    origins, directions = np.where(blank, 0.0, rays.origins), np.where(blank, 1.0, rays.directions)
+    return _RayRows(origins, directions, np.where(misses, 0.0, np.inf))
+
+
+def _traced(query: Callable[[_RayRows], _T], rays: _RayRows) -> _T:
+    """The result of a query for rays, whose numbers it checks. Those that are not valid miss everything."""
+    try:
+        return query(rays)
+    except InputError:
+        return query(_without_misses(rays))
 
 
 def _rows(value: ArrayLike, what: str) -> NDArray[Any]:

@@ -257,6 +257,16 @@ def rays_in_frame(rays: RayPass) -> RayArguments:
     return RayArguments(rays.origins, rays.directions, 0.0, np.inf, rays.skip, shape, 0, False, (0.0, 0.0, 0.0))
 
 
+def rays_along(
+    points: np.ndarray, direction: np.ndarray, frame: tuple[float, float, float] = _ORIGIN, time: float = 0.0
+) -> RayArguments:
+    """Rays from checked points, (..., 3), along one direction, (3,) float32 or float64.
+
+    frame : world position of the origin of the frame that the points are recentred in
+    """
+    return RayArguments(points, direction, 0.0, np.inf, -1.0, points.shape[:-1], 0, False, frame, time)
+
+
 def segments_between(
     begin: np.ndarray, end: np.ndarray, skip: np.ndarray | float, time: float, facing: int = 0
 ) -> RayArguments:

@@ -161,7 +161,8 @@ class RayLists:
         with self._lock:
             if self._bodies is None or self._bodies[0] is not triangles:
                 self._bodies = triangles, self._bodies_of(triangles, time)
-            return self._bodies[1]._replace(time=time)
+            bodies = self._bodies[1]
+            return bodies if bodies.time == time else bodies._replace(time=time)
 
     def _bodies_of(self, triangles: Triangles, time: float) -> Bodies:
         precompile("ray queries")

@@ -248,10 +248,8 @@ def count_all(
     tracer: RayTracer, rays: RayArguments, rule: int = TRIANGLES, threads: int | None = None
 ) -> NDArray[np.int64] | None:
     """(n,) int64: the number of hits of each ray, by a rule; None if a ray is invalid."""
-    n = rays.n
-    counts, faults, ticket = np.empty(n, np.int64), np.zeros(1, np.bool_), new_ticket(-(-n // _RAYS), _CHUNK)
-    run_batches(_count, threads, ticket, tracer.tree, rays.packed(), rule, counts, faults)
-    return None if faults[0] else counts
+    counts = np.empty(rays.n, np.int64)
+    return counts if tracer.run(_count, threads, rays, rule, counts) else None
 
 
 # --- Lists of hits ----------------------------------------------------------------------------------------------------

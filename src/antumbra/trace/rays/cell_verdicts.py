@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...kernels.jit import inlined, kernel
-from ...kernels.marshalling import Packed, packed
+from ...kernels.marshalling import ArgumentForm, Packed, address_of, packed
 from ...kernels.parallel import items, new_ticket, run, thread_count
-from ...kernels.simd import get, load16, put, select, splat16, stack_f32, stack_i32, store, to_i32
+from ...kernels.simd import atomic_add, get, load16, put, select, splat16, stack_f32, stack_i32, store, to_i32
 from ...query.occupancy_grid import OccupancyGrid, occupancy_grid, regions_of, touch
-from ...query.ray_list import RayArguments
+from ...query.ray_list import RayArguments, rays_along
 from .all_hits import INSIDE, count_all
 from .inside_votes import KNOWN, OUTSIDE, UNDECIDED, WITHIN, Caps, read_columns, verdict_of, votes_of, within_box
-from .ray_batches import read_point, read_points, run_batches
+from .ray_batches import read_points, run_batches
 from .wide_traversal import BLOCK_WORDS, BLOCKS, LANES, OX
 
 _RAYS = BLOCKS * LANES
@@ -78,21 +78,6 @@ def _cells_of(rows, grid):
     return number
 
 
-@kernel
-def _look_up(ticket, rays, grid, verdicts):
-    """Worker: write what the grid holds for the origins of rays."""
-    # In: rays (a `RayList`), grid (`OccupancyGrid`). Out: verdicts (n,) uint8
-    rows, cells = stack_f32(BLOCK_WORDS), stack_i32(LANES)
-    for b in items(ticket):
-        for first in range(b * _RAYS, min((b + 1) * _RAYS, rays.n), LANES):
-            read_points(rays, first, rows)
-            there = within_box(rows, grid.box)
-            store(cells, 0, _cells_of(rows, grid))
-            for i in range(min(rays.n - first, LANES)):
-                found = grid.cells[np.int64(get(cells, i))]
-                verdicts[first + i] = found if (there >> i) & 1 else np.uint8(OUTSIDE)
-
-
 class FoundCells(NamedTuple):
     """What the cells of points decide."""
 
@@ -100,27 +85,71 @@ class FoundCells(NamedTuple):
     places: np.ndarray  # (m,) int64: the points without a verdict; first those of which nothing is known
     points: np.ndarray  # (m, 3) float32: in the scene's frame
     crossings: np.ndarray  # (m,) int64: as in an `Election`, of the others
-    unknown: int  # number of points of which nothing is known
+    counts: np.ndarray  # (2,) int64: number of points of which nothing is known, and of the others
+
+    @property
+    def unknown(self) -> int:
+        """The number of points of which nothing is known."""
+        return int(self.counts[0])
+
+    def packed(self) -> Packed:
+        """Arrays for n points as a kernel argument, which they must outlive."""
+        inside, places, points, crossings, counts = self
+        n = len(inside)
+        return _FOUND.pack(
+            address_of(inside), n, 1, address_of(places), n, 8, address_of(points), n, 3, 12, 4,
+            address_of(crossings), n, 8, address_of(counts), 2, 8,
+        )  # fmt: skip
+
+    def without_gap(self) -> "FoundCells":
+        """The m points without a verdict, from arrays for n that `_look_up` has filled from both ends."""
+        unknown, known = self.counts.tolist()
+        if not known:
+            places, points, crossings = (each[:unknown] for each in self[1:4])
+        else:
+            end = len(self.inside) - known
+            places, points, crossings = (np.concatenate((each[:unknown], each[end:])) for each in self[1:4])
+        return FoundCells(self.inside, places, points, crossings, self.counts)
+
+
+def _cells_found(n: int) -> FoundCells:
+    """Arrays for n points."""
+    places, points, crossings = np.empty(n, np.int64), np.empty((n, 3), np.float32), np.empty(n, np.int64)
+    return FoundCells(np.empty(n, np.bool_), places, points, crossings, np.zeros(2, np.int64))
+
+
+_FOUND = ArgumentForm(_cells_found(0))
+
+
+@inlined
+def _collect(rows, lane, point, verdict, found):
+    """Add a point without a verdict, in a lane of a block, to those found; known ones from the end of the arrays."""
+    known = verdict > UNDECIDED
+    place = atomic_add(found.counts, np.int64(known), 1)
+    if known:
+        place = len(found.places) - 1 - place
+    found.crossings[place], found.places[place] = verdict - (KNOWN + 2), point
+    for axis in range(3):
+        found.points[place, axis] = get(rows, OX + LANES * axis + lane)
 
 
 @kernel
-def _sort(rays, verdicts, found):
-    """Write the verdicts on the origins of rays, and collect those without one."""
-    # In: rays (a `RayList`), verdicts (n,) uint8. Out: found (`FoundCells`)
-    unknown, known = 0, found.unknown
-    for i in range(rays.n):
-        verdict = np.int64(verdicts[i])
-        found.inside[i] = verdict == WITHIN
-        if verdict >= UNDECIDED:
-            place = unknown
-            if verdict == UNDECIDED:
-                unknown += 1
-            else:
-                place = known
-                known += 1
-            found.crossings[place] = verdict - (KNOWN + 2)
-            found.places[place] = i
-            found.points[place, 0], found.points[place, 1], found.points[place, 2] = read_point(rays, i)
+def _look_up(ticket, rays, grid, found):
+    """Worker: write the verdicts that the grid holds on the origins of rays, and collect those without one."""
+    # In: rays (a `RayList`), grid (`OccupancyGrid`). Out: found (`FoundCells`)
+    rows, cells = stack_f32(BLOCK_WORDS), stack_i32(LANES)
+    for b in items(ticket):
+        for first in range(b * _RAYS, min((b + 1) * _RAYS, rays.n), LANES):
+            read_points(rays, first, rows)
+            there = within_box(rows, grid.box)
+            store(cells, 0, _cells_of(rows, grid))
+            for i in range(min(rays.n - first, LANES)):
+                verdict = np.int64(OUTSIDE)
+                if (there >> i) & 1:
+                    verdict = np.int64(grid.cells[np.int64(get(cells, i))])
+                found.inside[first + i] = verdict == WITHIN
+                if verdict >= UNDECIDED:
+                    _collect(rows, i, first + i, verdict, found)
 
 
 class CellVerdicts:
@@ -155,14 +184,10 @@ class CellVerdicts:
             self._packed = None if self._grid is None else packed(self._grid)
         if self._packed is None:
             return None
-        listed, verdicts = rays.packed(), np.empty(rays.n, np.uint8)
-        ticket = new_ticket(-(-rays.n // _RAYS), _CHUNK)
-        run_batches(_look_up, threads if rays.n >= _MANY else 1, ticket, listed, self._packed, verdicts)
-        unknown, left = np.count_nonzero(verdicts == UNDECIDED), np.count_nonzero(verdicts >= UNDECIDED)
-        places, points = np.empty(left, np.int64), np.empty((left, 3), np.float32)
-        found = FoundCells(np.empty(rays.n, np.bool_), places, points, np.empty(left, np.int64), int(unknown))
-        _sort(listed, verdicts, found)
-        return found
+        n, found = rays.n, _cells_found(rays.n)
+        ticket = new_ticket(-(-n // _RAYS), _CHUNK)
+        run_batches(_look_up, threads if n >= _MANY else 1, ticket, rays.packed(), self._packed, found.packed())
+        return found.without_gap()
 
     def _made_grid(self, time: float, threads: int) -> OccupancyGrid | None:
         grid, caps = occupancy_grid(self._box, len(self._corners)), self._caps
@@ -187,8 +212,7 @@ class CellVerdicts:
 
     def _parities(self, points: NDArray[np.float32], time: float, threads: int) -> NDArray[np.int64]:
         """(m,) int64, 0 or 1: of rays from points through the closed surface."""
-        frame = (0.0, 0.0, 0.0)
-        rays = RayArguments(points, self._along, 0.0, np.inf, -1.0, (len(points),), 0, False, frame, time)
+        rays = rays_along(points, self._along, time=time)
         crossings = self._crossings(rays, threads)
         if self._caps is not None:
             through_caps = count_all(self._caps.tracer, rays, INSIDE, threads)

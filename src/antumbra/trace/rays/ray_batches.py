@@ -261,21 +261,6 @@ def read_points(rays, first, rows):
 
 
 @inlined
-def read_point(rays, i):
-    """The origin of ray i of a list, (x, y, z) float32."""
-    begin = rays.origins.address + i * rays.origins.row
-    x = np.float32(number_at(rays.origins, begin) - rays.frame[0])
-    y = np.float32(number_at(rays.origins, begin + rays.origins.column) - rays.frame[1])
-    z = np.float32(number_at(rays.origins, begin + 2 * rays.origins.column) - rays.frame[2])
-    zero = np.float32(0.0)
-    return (
-        zero if abs(x) < _NEAREST else x,
-        zero if abs(y) < _NEAREST else y,
-        zero if abs(z) < _NEAREST else z,
-    )
-
-
-@inlined
 def read_batch(tree, rays, runs, batch):
     """Read up to 64 rays of a list, those of a `Runs`, and prepare their blocks, after `share_ends`.
 
@@ -481,6 +466,22 @@ class RayTracer:
             sums = own_counters if counters is None else counters
             args = self.tree, _Batches(packed_rays, runs), any_hit, out.packed(), faults, sums
             run_batches(_blocks, threads, scratch.ticket, *args)
+        return self._end(scratch)
+
+    def run(self, worker: Callable[..., object], threads: int | None, rays: RayArguments, *args: Any) -> bool:
+        """Call ``worker(ticket, wide, rays, *args, faults)`` for the batches of rays. Return whether all are valid."""
+        scratch, n_batches = self._spare.pop() if self._spare else _BatchScratch(), -(-rays.n // _RAYS)
+        ticket, faults, _ = scratch.arguments
+        scratch.begin(n_batches)
+        arguments = self.tree, rays.packed(), *args, faults
+        if n_batches <= _CHUNK:  # no second thread would get any
+            worker(ticket, *arguments)
+        else:
+            run_batches(worker, threads, scratch.ticket, *arguments)
+        return self._end(scratch)
+
+    def _end(self, scratch: _BatchScratch) -> bool:
+        """Put scratch memory back. Return whether all rays were valid."""
         legal = not scratch.faults[0]
         self._spare.append(scratch)
         return legal
