@@ -23,6 +23,8 @@ import { fill, WORDS } from "./words.mjs";
 
 /** @typedef {import("./words.mjs").Words} Words */
 
+const STILL_SAMPLES = 16; // of the still
+
 class Page {
   /**
    * @param {any} about what `page_export.py` says of the scene
@@ -35,6 +37,7 @@ class Page {
     this.pool = new Pool();
     this.camera = new Orbit(about.camera, about.up);
     this.sun = new SunPanel(about, words, () => {
+      this.touched = true;
       this.changed();
       this.layers?.sunChanged();
       clearTimeout(this.later);
@@ -58,6 +61,7 @@ class Page {
     this.layers = /** @type {LayerControls | null} */ (null);
     this.digest = /** @type {Promise<string | null>} */ (Promise.resolve(null));
     this.proved = true;
+    this.touched = false; // the view or the sun has changed since the page opened, so its still is of something else
   }
 
   async open() {
@@ -102,7 +106,7 @@ class Page {
   #draw(states) {
     const { about, words, pool, camera, sun, failed } = this;
     const canvas = part("picture");
-    const options = { sky: about.look.sky, meter: { exposure: 0 } };
+    const options = { sky: about.look.sky, meter: { exposure: 0 }, moving: () => sun.playing };
     const light = () => ({ ...sun.light, painted: Boolean(about.layer) && part("painted").checked });
     const make = (/** @type {HTMLCanvasElement} */ on, /** @type {number} */ state) =>
       new Picture(on, pool, camera, light, () => this.#count(), { ...options, state });
@@ -120,6 +124,7 @@ class Page {
       canvas,
       camera,
       () => {
+        this.touched = true;
         this.changed();
         if (camera.walking) this.walk.settle().then((rises) => rises && this.changed(), failed);
       },
@@ -137,8 +142,11 @@ class Page {
     part("samples").textContent = done ? "" : ` · ${fill(words.samples, { n: samples, all: SAMPLES })}`;
     document.body.dataset.samples = String(samples);
     if (this.opened) return;
-    this.opened = true; // something is seen
-    document.getElementById("still")?.remove();
+    const still = document.getElementById("still");
+    if (still && samples < STILL_SAMPLES && !this.touched) return; // the still is better
+    this.opened = true;
+    still?.classList.add("fading");
+    still?.addEventListener("transitionend", () => still.remove());
     part("opening").hidden = !document.body.dataset.failed;
     if (new URLSearchParams(location.search).has("play")) this.sun.playOnce();
   }
