@@ -17,7 +17,8 @@ camera = at.Camera(middle + size * np.array([-0.9, 0.8, 1.5]), middle - size * n
 sheet = Image.new("RGB", (2 * SIZE[0], 2 * SIZE[1]))
 for k, radius in enumerate([0.001, 0.03, 0.1, 0.3]):
     lamp = at.SphereLight(centre, radius * size, intensity=4 * size**2)
-    frame = at.render(scene, camera.resized(*SIZE), [lamp, at.Sky(intensity=0.15)], spp=SPP, filter=True, adaptive=SPP, ground=True)
+    lights = [lamp, at.Sky(intensity=0.15)]
+    frame = at.render(scene, camera.resized(*SIZE), lights, spp=SPP, filter=True, adaptive=SPP, ground=True)
     frame.save("panel.png")
     sheet.paste(Image.open("panel.png"), (k % 2 * SIZE[0], k // 2 * SIZE[1]))
 sheet.save("light_sizes.png")

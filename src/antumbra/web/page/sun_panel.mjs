@@ -10,6 +10,7 @@ import { fill } from "./words.mjs";
 /** @typedef {import("./words.mjs").Words} Words */
 
 const MINUTES_A_SECOND = 60; // of the day that plays
+const LONGEST = 10; // minutes between two pictures of the day that plays, so that a slow one is followed by no jump
 const EVENING = 7; // degrees: height of the sun at which the day that plays once ends
 const MINUTE = 60;
 
@@ -148,7 +149,7 @@ export class SunPanel {
     let last = performance.now();
     const step = (/** @type {number} */ now) => {
       if (!this.playing) return;
-      const minutes = Math.floor(((now - last) / 1000) * MINUTES_A_SECOND);
+      const minutes = Math.min(LONGEST, Math.floor(((now - last) / 1000) * MINUTES_A_SECOND));
       if (minutes > 0) {
         last = now;
         const { altitude } = this.angles;
