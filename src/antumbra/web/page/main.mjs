@@ -37,7 +37,6 @@ class Page {
     this.pool = new Pool();
     this.camera = new Orbit(about.camera, about.up);
     this.sun = new SunPanel(about, words, () => {
-      this.touched = true;
       this.changed();
       this.layers?.sunChanged();
       clearTimeout(this.later);
@@ -61,7 +60,7 @@ class Page {
     this.layers = /** @type {LayerControls | null} */ (null);
     this.digest = /** @type {Promise<string | null>} */ (Promise.resolve(null));
     this.proved = true;
-    this.touched = false; // the view or the sun has changed since the page opened, so its still is of something else
+    this.firstView = ""; // that the still shows
   }
 
   async open() {
@@ -124,7 +123,6 @@ class Page {
       canvas,
       camera,
       () => {
-        this.touched = true;
         this.changed();
         if (camera.walking) this.walk.settle().then((rises) => rises && this.changed(), failed);
       },
@@ -132,7 +130,13 @@ class Page {
     );
     new ResizeObserver(() => this.changed()).observe(canvas);
     this.changed();
+    this.firstView = this.#view();
     for (const picture of this.pictures) picture.run().catch(failed);
+  }
+
+  /** What the picture depends on: the camera and the sun. */
+  #view() {
+    return JSON.stringify([this.camera.rays(100, 100), this.sun.setting]);
   }
 
   #count() {
@@ -143,7 +147,8 @@ class Page {
     document.body.dataset.samples = String(samples);
     if (this.opened) return;
     const still = document.getElementById("still");
-    if (still && samples < STILL_SAMPLES && !this.touched) return; // the still is better
+    const shows = pictures.length === 1 && !this.about.layer && this.#view() === this.firstView;
+    if (still && shows && samples < STILL_SAMPLES) return; // the still is better
     this.opened = true;
     still?.classList.add("fading");
     still?.addEventListener("transitionend", () => still.remove());
