@@ -1,10 +1,9 @@
 # An animation
 #
-# Twelve frames of a mill, from one command that continues where it was interrupted. All frames share one exposure.
-antumbra render example:mill --frames 0:33:3 --fps 48 --size 320x240 --preset final -o mill.##.png
+# A mill turns, in frames from one command that continues where it was interrupted. All frames share one exposure. Named
+# `-o mill.mp4`, the command writes a film by itself.
+antumbra render example:mill --frames 0:48 --fps 12 --size 480x300 --preset final -o mill.##.png
 python -c "
 from PIL import Image
-sheet = Image.new('RGB', (1280, 720))
-for k in range(12):
-    sheet.paste(Image.open(f'mill.{3 * k:02}.png').resize((320, 240)), (k % 4 * 320, k // 4 * 240))
-sheet.save('animation.png')"
+frames = [Image.open(f'mill.{k:02}.png').convert('RGB') for k in range(48)]
+frames[0].save('animation.webp', save_all=True, append_images=frames[1:], duration=83, loop=0, quality=70, method=6)"

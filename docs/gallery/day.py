@@ -21,8 +21,8 @@ suns = at.suns_of(place, at.times_of([date(2026, 6, 21)], ZoneInfo(place.timezon
 renderer, sheet = at.Renderer(scene), Image.new("RGB", (2 * SIZE[0], 2 * SIZE[1]))
 for k, towards in enumerate(suns.directions[[2, 6, 13, 15]]):
     colour = (1.0, 0.65 + 0.35 * towards[1], 0.4 + 0.55 * towards[1])
-    sun = at.DirectionalLight(-towards, angular_diameter=0.53, intensity=4, colour=colour)
+    sun = at.DirectionalLight(-towards, angular_diameter=0.53, intensity=5, colour=colour)
     frame = renderer.render(camera, [sun, at.Sky(intensity=0.6)], spp=SPP, adaptive=SPP)
-    frame.save("hour.png", exposure=1.0)
+    frame.save("hour.png", exposure=1.3)
     sheet.paste(Image.open("hour.png"), (k % 2 * SIZE[0], k // 2 * SIZE[1]))
 sheet.save("day.png")

@@ -5,8 +5,11 @@ import pytest
 from PIL import Image
 
 import antumbra as at
+from antumbra.city.sheets.map_frame import Extent
+from antumbra.city.sheets.scene_plan import brightness, hillshade
 from antumbra.city.tables import false_colours
 from antumbra.city.tables.false_colours import column_scale, column_values, project_points
+from antumbra.city.tables.interpolated_values import smooth_cells
 from antumbra.city.tables.map_scale import map_scale
 from antumbra.city.tables.result_table import Column
 from antumbra.picture.heat_maps import heat_colours, letter_size
@@ -33,9 +36,13 @@ def test_a_map_has_the_colours_of_its_cells_north_up(tmp_path):
     assert (bottom - top, right - left) == (10 * cell, 2 * cell)
     values, known = column_values(made, "hours")
     end = column_scale(made["hours"], known).ticks[-1]
+    map_ = drawn[top:bottom, left : left + 12 * cell]
+    shade = brightness(hillshade(made.scene, Extent(-2.0, 0.0, 10.0, 10.0), 12 * cell, 10 * cell))
+    fine = smooth_cells(np.where(known, values, np.nan).reshape(10, 12), cell)
     for row, column in (0, 2), (9, 2), (0, 11), (5, 6):
-        at_cell = drawn[top + row * cell + cell // 2, left + column * cell + cell // 2]
-        assert np.array_equal(at_cell, heat_colours(values.reshape(10, 12)[row, column], end))
+        at_cell = row * cell + cell // 2, column * cell + cell // 2
+        colour = heat_colours(fine[at_cell], end)
+        assert np.array_equal(map_[at_cell], np.minimum(colour * shade[at_cell], 255.0).round())
 
 
 def test_each_column_has_its_own_title_and_legend(tmp_path, monkeypatch):
@@ -94,8 +101,9 @@ def test_points_are_discs_rings_behind_surfaces_and_colour_nothing_else(tmp_path
 
 def test_a_given_camera_is_used(tmp_path):
     made = table()
+    made.camera = at.Camera((5, -30, 10), (5, 5, 0), (0, 0, 1), 40.0, 1024, 600)
     first = picture(made, tmp_path)
-    made.camera = at.Camera((5, -30, 10), (5, 5, 0), (0, 0, 1), 40.0, 1024, 768)
+    made.camera = at.Camera((5, -30, 20), (5, 5, 0), (0, 0, 1), 40.0, 1024, 600)
     assert first.shape == picture(made, tmp_path).shape and (first != picture(made, tmp_path)).any()
 
 
@@ -137,6 +145,8 @@ def test_pictures_of_losses_tell_gains_from_none(tmp_path):
     bar = scale.bar("loss")
     assert bar.ticks[0] == (0.0, "-2") and bar.ticks[-1] == (1.0, "6") and (0.25, "0") in bar.ticks
     assert bar.colours[0].tolist() == gain.tolist()
+    noisy = column_scale(np.array([-7e-6, 5.10007]), np.ones(2, bool), "hours_loss").bar("loss").ticks
+    assert [text for _, text in noisy] == ["0", "1", "2", "3", "4", "5.1"]
     drawn = picture(made, tmp_path, "hours_loss")
     assert (drawn == gain).all(-1).any()
     made.save(tmp_path / "a.glb", "hours_loss")

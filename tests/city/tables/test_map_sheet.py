@@ -12,7 +12,7 @@ import antumbra as at
 from antumbra.city.sheets.map_frame import Extent, round_length
 from antumbra.city.tables.map_legend import facts_of, mark_facts, scale_of
 from antumbra.city.tables.map_scale import map_scale
-from antumbra.city.tables.map_sheet import cells_in, smooth_cells
+from antumbra.city.tables.map_sheet import cells_in
 from antumbra.city.tables.result_table import Column, Table
 from result_tables import hill, table
 from sheet_pages import table_map, texts
@@ -60,30 +60,7 @@ def test_scales_of_classes_whole_numbers_and_nothing():
     assert map_scale(np.array([12345.0]), known([0]), "h").text(12345.0) == "12,345 h"
 
 
-# --- Smooth rasters ---------------------------------------------------------------------------------------------------
-
-
-@examples(40)
-@given(
-    cells=hnp.arrays(np.float64, st.tuples(st.integers(1, 6), st.integers(1, 6)), elements=st.floats(-10, 10)),
-    holes=st.integers(0, 2**36 - 1),
-    parts=st.integers(1, 5),
-)
-def test_smooth_cells_stay_between_their_neighbours_and_holes_stay(cells, holes, parts):
-    cells.ravel()[[k for k in range(cells.size) if holes >> k & 1]] = np.nan
-    smooth = smooth_cells(cells, parts)
-    assert smooth.shape == (cells.shape[0] * parts, cells.shape[1] * parts)
-    assert (np.isnan(smooth) == np.isnan(cells).repeat(parts, 0).repeat(parts, 1)).all()
-    if np.isfinite(cells).any():
-        inside = smooth[np.isfinite(smooth)]
-        assert inside.min() >= np.nanmin(cells) and inside.max() <= np.nanmax(cells)
-
-
-def test_smooth_cells_have_the_values_of_cells_at_their_centres_and_are_linear():
-    cells = np.add.outer(np.arange(4.0), 10.0 * np.arange(5.0))
-    smooth = smooth_cells(cells, 3)
-    assert np.allclose(smooth[1::3, 1::3], cells)
-    assert np.allclose(np.diff(smooth[1:-1], axis=0), 1 / 3) and np.allclose(np.diff(smooth[:, 1:-1], axis=1), 10 / 3)
+# --- Cells of maps ----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

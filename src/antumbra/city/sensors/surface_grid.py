@@ -96,7 +96,7 @@ def _lattices(corners: np.ndarray, spacing: float, up: str) -> _Lattices:
     sound = np.flatnonzero(areas > 0.0)
     corners, normals, areas = corners[sound], normals[sound], areas[sound]
     check_count(areas.sum() / spacing / spacing + len(sound), spacing)
-    across, along = _plane_axes(normals, "xyz".index(up))
+    across, along = plane_axes(normals, "xyz".index(up))
     flat = np.stack([(corners * axis[:, None]).sum(-1) for axis in (across, along)], -1) / spacing
     return _Lattices(sound, anchors[sound], corners, normals, areas, across, along, flat, _lattice_rows(flat))
 
@@ -125,7 +125,7 @@ def _anchors(corners: np.ndarray, spacing: float) -> NDArray[np.float64]:
     return np.asarray(np.round((corners.min(1) + corners.max(1)) / 2.0 / block) * block)
 
 
-def _plane_axes(normals: np.ndarray, up: int) -> tuple[np.ndarray, np.ndarray]:
+def plane_axes(normals: np.ndarray, up: int) -> tuple[np.ndarray, np.ndarray]:
     """Unit vectors in the planes with these normals: a horizontal one, and one perpendicular to it."""
     north = np.array([0.0, 1.0, 0.0] if up == 2 else [0.0, 0.0, -1.0])
     across = np.cross(np.eye(3)[up], normals)

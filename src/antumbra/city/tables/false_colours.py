@@ -1,5 +1,6 @@
 """False-colour output of results: pictures with a legend, and unlit GLB models with vertex colours (`COLOR_0`)."""
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -7,14 +8,17 @@ from numpy.typing import NDArray
 
 from ...engine.scene import AnyScene
 from ...formats.gltf.gltf_writer import TRIANGLES, GltfWriter, Json, up_axis_transform
-from ...kernels.elementary import tan
+from ...kernels.elementary import atan, tan
+from ...kernels.small_matrices import product
 from ...picture.heat_maps import LIGHT, ColourBar, Panel, Scale, linear_scale, linear_ticks, panel_sheet
 from ...picture.renderer import render
-from ...query.nearest_points import PointTree
 from ...scene.camera import Camera, ExplicitRays, axes, fitted_camera
 from ...scene.lights import AmbientOcclusion
 from ...scene.materials import srgb_to_linear
 from ..sensors.sensors import Sensors, corners_of
+from ..sheets.map_frame import Extent
+from ..sheets.scene_plan import brightness, hillshade
+from .interpolated_values import Places, smooth_cells, values_on_surfaces
 from .map_scale import MapScale, map_scale
 
 # --- Projecting points into a picture ---------------------------------------------------------------------------------
@@ -40,7 +44,19 @@ def project_points(camera: Camera, points: NDArray[np.float64]) -> NDArray[np.fl
 
 _SIZE = 1024  # pixels: width of a picture, and minimum width of a map
 _MOST_PIXELS = 4096  # maximum side of a map
+_LEAST_WIDTH = 640  # of a picture of a tall scene, below which its legend has room
+_MARGIN = 0.04  # of the width of a picture, beside what it shows
+_FINER, _MOST_FINE = (
+    2,
+    4_000_000,
+)  # pixels that are drawn for one of the picture, along each axis, unless it is larger than so many
 _DARKEST = 0.45  # factor on a colour where no ambient light arrives
+_LIT = np.array(
+    [-0.45, 0.75, 0.48]
+)  # right, up, towards the viewer: where light is from; level surfaces stay as they are
+_SHADED = 0.45  # how much darker or brighter surfaces are that face away from it or towards it
+_BRIGHTEST = 1.12
+_DIGITS = 2  # of numbers in a legend, behind the first one of its length
 _NOWHERE = 200  # grey of surfaces without a value
 _DOT = 5  # pixels: radius of a mark
 _POINTS = "discs: points; rings: points behind surfaces"
@@ -57,9 +73,9 @@ def false_colours(table: Any, name: str) -> NDArray[np.uint8]:
     scale = column_scale(table[name], known, name)
     values[~known] = np.nan
     if table.sensors.raster is not None:
-        picture, places = _map(table, values, scale)
+        picture, places = _map(table, values, scale, is_smooth(table, name))
     else:
-        picture, places = _view(table, values, scale)
+        picture, places = _view(table, values, scale, is_smooth(table, name))
     unit = table.columns[name].unit
     lines = [heading_of(table, name), *([_POINTS] if _shows_points(table) else [])]
     panel = Panel(_dotted(picture, places), lines)
@@ -105,7 +121,8 @@ class SheetScale(NamedTuple):
             colours = np.array([each.colour for each in classes], np.uint8).repeat(-(-1024 // n), 0)
             return ColourBar(colours, [((k + 0.5) / n, each.name) for k, each in enumerate(classes)], caption)
         low, span = self.scale.low, self.scale.span or 1.0
-        ticks = [((tick - low) / span, f"{tick:,.6g}") for tick in self.scale.ticks()]
+        digits = _DIGITS - math.floor(math.log10(span)) if span > 0.0 else _DIGITS
+        ticks = [((tick - low) / span, f"{round(tick, digits) + 0.0:,.6g}") for tick in self.scale.ticks()]
         return ColourBar(self.scale.colours(np.linspace(low, low + span, 1024)), ticks, caption)
 
 
@@ -136,50 +153,92 @@ def _dotted(picture: np.ndarray, places: np.ndarray) -> np.ndarray:
     return np.asarray(image)
 
 
-def _map(table: Any, values: np.ndarray, scale: Scale | SheetScale) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
-    """A map of a raster, north up, enlarged if it has few cells; and the pixels of the marks."""
+def _map(
+    table: Any, values: np.ndarray, scale: Scale | SheetScale, smooth: bool
+) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
+    """A map of a raster, north up, enlarged if it has few cells; and the pixels of the marks.
+
+    Values on a continuous scale are interpolated. Slopes are shaded as on maps, level cells have the legend's colours.
+    """
     raster = table.sensors.raster
     assert raster is not None and table.scene is not None
     cells = table.sensors.on_raster(values)
-    colours = scale.colours(np.nan_to_num(cells), np.isfinite(cells))
-    colours[~np.isfinite(cells)] = _NOWHERE
     magnification = max(1, _SIZE // max(cells.shape))
     step = -(-max(cells.shape) // _MOST_PIXELS)
+    height, width = raster.spacing * np.array(cells.shape)
+    extent = Extent(raster.west, raster.north - height, raster.west + width, raster.north)
+    cells = cells[::step, ::step]
+    fine = smooth_cells(cells, magnification) if smooth else cells.repeat(magnification, 0).repeat(magnification, 1)
+    known = np.isfinite(fine)
+    shade = brightness(hillshade(table.scene, extent, fine.shape[1], fine.shape[0]))[..., None]
+    colours = np.minimum(scale.colours(np.nan_to_num(fine), known) * shade, 255.0).round().astype(np.uint8)
+    colours[~known] = _NOWHERE
     marks = _marks(table)
     north = marks[:, 1] if table.scene.up == "z" else -marks[:, 2]
     places = np.stack([marks[:, 0] - raster.west, raster.north - north], 1) * (magnification / step / raster.spacing)
-    return colours[::step, ::step].repeat(magnification, 0).repeat(magnification, 1), places
+    return colours, places
 
 
 def _marks(table: Any) -> NDArray[np.float64]:
     return np.empty((0, 3)) if table.marks is None else table.marks
 
 
-def _view(table: Any, values: np.ndarray, scale: Scale | SheetScale) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
-    """The scene in the colours of its sensors, shaded by ambient occlusion; and the pixels of the marks."""
+def _view(
+    table: Any, values: np.ndarray, scale: Scale | SheetScale, smooth: bool
+) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
+    """The scene in the colours of its sensors, shaded; and the pixels of the marks."""
     scene = table.scene
     assert scene is not None
     extent_points = corners_of(scene).reshape(-1, 3) if table.sensors.kind == "points" else table.sensors.points
-    framed_points = np.concatenate([extent_points, _marks(table)])
-    camera = table.camera or fitted_camera(framed_points, scene.up, _SIZE, 3 * _SIZE // 4)
-    frame = render(scene, camera, [AmbientOcclusion()], spp=16, materials="diffuse")
+    camera = table.camera or _close_camera(np.concatenate([extent_points, _marks(table)]), scene.up)
+    finer = _FINER if camera.width * camera.height <= _MOST_FINE else 1
+    fine = camera.resized(finer * camera.width, finer * camera.height)
+    frame = render(scene, fine, [AmbientOcclusion()], spp=16 // finer, filter=True, materials="diffuse")
     buffer = frame.gbuffer
     covered = buffer.face >= 0
-    colours = np.full((*covered.shape, 3), LIGHT.ground, np.uint8)
-    at = buffer.position[covered] + buffer.origin
+    places = Places(buffer.position[covered] + buffer.origin, buffer.normal[covered], buffer.face[covered])
     if _shows_points(table):
-        surface_values = np.full(int(covered.sum()), np.nan)
+        surface_values = np.full(len(places.points), np.nan)
     elif table.row_of_face is None:
-        surface_values = _values_at(table.sensors, values, at, buffer.normal[covered], buffer.face[covered])
+        surface_values = values_on_surfaces(table.sensors, values, places, corners_of(scene), scene.up, smooth)
     else:
-        surface_values = np.append(values, np.nan)[table.row_of_face[buffer.face[covered]]]
+        surface_values = np.append(values, np.nan)[table.row_of_face[places.faces]]
     known = np.isfinite(surface_values)
     surface_colours = np.where(known[:, None], scale.colours(np.nan_to_num(surface_values), known), np.uint8(_NOWHERE))
-    light = _DARKEST + (1.0 - _DARKEST) * frame.visibility[0][covered][:, None]
-    colours[covered] = np.round(surface_colours * light).astype(np.uint8)
+    light = _DARKEST + (1.0 - _DARKEST) * frame.visibility[0][covered]
+    light = light * _shade(places.normals, camera, scene.up)
+    colours = np.full((*covered.shape, 3), LIGHT.ground, np.float64)
+    colours[covered] = np.minimum(surface_colours * light[:, None], 255.0)
+    h, w = camera.height, camera.width
+    picture = colours.reshape(h, finer, w, finer, 3).mean((1, 3)).round().astype(np.uint8)
     if _shows_points(table):
-        _draw_points(colours, table, values, scale, camera)
-    return colours, project_points(camera, _marks(table))
+        _draw_points(picture, table, values, scale, camera)
+    return picture, project_points(camera, _marks(table))
+
+
+def _close_camera(points: NDArray[np.float64], up: str) -> Camera:
+    """A fitted camera whose picture ends a margin beside what it shows, but has room for its legend."""
+    camera = fitted_camera(points, up, _SIZE, 3 * _SIZE // 4)
+    places = project_points(camera, points)
+    spans, margin = np.ptp(places, axis=0), 2.0 * _MARGIN * _SIZE
+    width, height = (
+        min(math.ceil(span + margin), most) for span, most in zip(spans.tolist(), (camera.width, camera.height))
+    )
+    vfov = 2.0 * math.degrees(atan(tan(math.radians(camera.vfov) / 2.0) * height / camera.height))
+    return Camera(camera.position, camera.target, camera.up, vfov, max(width, _LEAST_WIDTH), height)
+
+
+def _shade(normals: np.ndarray, camera: Camera, up: str) -> NDArray[np.float64]:
+    """(k,) float64: factors on the colours of surfaces, lit from above the viewer's left; 1 on level ones."""
+    right, upward = camera.axes[0], axes(up)[1]
+    light = product(_LIT[None], np.stack([right, upward, np.cross(right, upward)]))
+    facing = product(normals - upward, light.T)[:, 0]
+    return np.clip(1.0 + _SHADED * facing, 1.0 - _SHADED, _BRIGHTEST)
+
+
+def is_smooth(table: Any, name: str) -> bool:
+    """Whether numbers between those of two sensors mean something: not so of counts, numbers of faces and verdicts."""
+    return bool(table[name].dtype.kind == "f")
 
 
 def _shows_points(table: Any) -> bool:
@@ -215,30 +274,6 @@ def _draw_points(
         y, x = down + dy - radius, right + dx - radius
         drawn &= (y >= 0) & (y < picture.shape[0]) & (x >= 0) & (x < picture.shape[1])
         picture[y[drawn], x[drawn]] = edge[drawn]
-
-
-def _values_at(
-    sensors: Sensors, values: np.ndarray, at: np.ndarray, normals: np.ndarray, faces: np.ndarray
-) -> NDArray[np.float64]:
-    """The values at surface points: those of the face's sensor if each face has one, else of the nearest sensor.
-
-    Sensors that face another direction count as farther away, so the two sides of a wall keep separate values. Faces
-    whose sensors were left out, such as roofs in a study of walls, have no value.
-    """
-    if sensors.kind == "face":
-        assert sensors.faces is not None
-        of_face = np.full(max(int(faces.max(initial=0)), int(sensors.faces.max(initial=0))) + 1, np.nan)
-        of_face[sensors.faces] = values
-        return np.asarray(of_face[faces])
-    if sensors.normals is None:
-        return np.asarray(values[PointTree(sensors.points).nearest(at).indices])
-    away = float(np.ptp(sensors.points, axis=0).max()) / 20.0 or 1.0
-    tree = PointTree(np.hstack([sensors.points, sensors.normals * away]))
-    nearest = np.asarray(values[tree.nearest(np.hstack([at, normals * away])).indices])
-    if sensors.kind == "grid":
-        assert sensors.faces is not None
-        nearest[~np.isin(faces, sensors.faces)] = np.nan
-    return nearest
 
 
 # --- False-colour models ----------------------------------------------------------------------------------------------

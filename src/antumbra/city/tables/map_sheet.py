@@ -40,6 +40,7 @@ from ..sheets.sheet import SheetContent, save_report
 from ..sheets.sheet_options import Sheet
 from ..sheets.units_text import unit_text
 from .false_colours import column_values, heading_of
+from .interpolated_values import smooth_cells
 from .map_legend import (
     CLASS_MARKERS,
     END_MARKERS,
@@ -307,32 +308,6 @@ def _hatch(axes: "Axes", extent: Extent) -> None:
     axes.add_patch(
         Rectangle(at, extent.width, extent.height, hatch=HATCH, facecolor="white", edgecolor="#c4c7cc", lw=0.0)
     )
-
-
-def smooth_cells(cells: NDArray[np.float64], parts: int) -> NDArray[np.float64]:
-    """(h * parts, w * parts) float64: cells divided into parts, with bilinear interpolation between their centres.
-
-    A part of a cell without a value has none, and others ignore cells without a value, so the outlines of holes stay.
-    Values stay between those of the cells.
-    """
-    known = np.isfinite(cells)
-    weights, values = known.astype(np.float64), np.where(known, cells, 0.0)
-    for axis in 0, 1:
-        weights, values = (_stretched(each, parts, axis) for each in (weights, values))
-    with np.errstate(invalid="ignore"):
-        smooth = values / weights
-    smooth = np.clip(smooth, np.nanmin(cells), np.nanmax(cells)) if known.any() else smooth
-    return np.where(known.repeat(parts, 0).repeat(parts, 1), smooth, np.nan)
-
-
-def _stretched(values: NDArray[np.float64], parts: int, axis: int) -> NDArray[np.float64]:
-    """Linear interpolation at the centres of the parts of cells along an axis; constant beyond the outermost ones."""
-    n = values.shape[axis]
-    at = np.clip((np.arange(n * parts) + 0.5) / parts - 0.5, 0.0, n - 1.0)
-    low = np.minimum(at.astype(np.int64), max(n - 2, 0))
-    share = np.expand_dims(at - low, 1 - axis)
-    first, second = values.take(low, axis), values.take(np.minimum(low + 1, n - 1), axis)
-    return np.asarray(first * (1.0 - share) + second * share)
 
 
 def _colours(values: np.ndarray, scale: MapScale) -> NDArray[np.float64]:

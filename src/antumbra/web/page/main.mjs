@@ -23,6 +23,8 @@ import { fill, WORDS } from "./words.mjs";
 
 /** @typedef {import("./words.mjs").Words} Words */
 
+const STILL_SAMPLES = 16; // of the still
+
 class Page {
   /**
    * @param {any} about what `page_export.py` says of the scene
@@ -58,6 +60,7 @@ class Page {
     this.layers = /** @type {LayerControls | null} */ (null);
     this.digest = /** @type {Promise<string | null>} */ (Promise.resolve(null));
     this.proved = true;
+    this.firstView = ""; // that the still shows
   }
 
   async open() {
@@ -102,7 +105,7 @@ class Page {
   #draw(states) {
     const { about, words, pool, camera, sun, failed } = this;
     const canvas = part("picture");
-    const options = { sky: about.look.sky, meter: { exposure: 0 } };
+    const options = { sky: about.look.sky, meter: { exposure: 0 }, moving: () => sun.playing };
     const light = () => ({ ...sun.light, painted: Boolean(about.layer) && part("painted").checked });
     const make = (/** @type {HTMLCanvasElement} */ on, /** @type {number} */ state) =>
       new Picture(on, pool, camera, light, () => this.#count(), { ...options, state });
@@ -127,7 +130,13 @@ class Page {
     );
     new ResizeObserver(() => this.changed()).observe(canvas);
     this.changed();
+    this.firstView = this.#view();
     for (const picture of this.pictures) picture.run().catch(failed);
+  }
+
+  /** What the picture depends on: the camera and the sun. */
+  #view() {
+    return JSON.stringify([this.camera.rays(100, 100), this.sun.setting]);
   }
 
   #count() {
@@ -137,8 +146,12 @@ class Page {
     part("samples").textContent = done ? "" : ` · ${fill(words.samples, { n: samples, all: SAMPLES })}`;
     document.body.dataset.samples = String(samples);
     if (this.opened) return;
-    this.opened = true; // something is seen
-    document.getElementById("still")?.remove();
+    const still = document.getElementById("still");
+    const shows = pictures.length === 1 && !this.about.layer && this.#view() === this.firstView;
+    if (still && shows && samples < STILL_SAMPLES) return; // the still is better
+    this.opened = true;
+    still?.classList.add("fading");
+    still?.addEventListener("transitionend", () => still.remove());
     part("opening").hidden = !document.body.dataset.failed;
     if (new URLSearchParams(location.search).has("play")) this.sun.playOnce();
   }

@@ -9,7 +9,9 @@ import { backdrop, dimmed, exposureOf, toScreen } from "./tone.mjs";
 
 export const SAMPLES = 64; // of a light for each pixel, of the finished picture
 const MOST_PIXELS = 1_000_000;
-const COARSE = 12_000; // pixels of the first picture after a change, for each worker
+const COARSE = 12_000; // pixels of the first picture after a change, for each worker, at least
+const PROMPT = 80; // milliseconds in which that picture is to be drawn
+const FORGET = 0.8; // share of the speed that counts after a slower picture, as another task may have slowed it down
 const BAND = 32_000; // pixels of a job, about
 const TILE = 4; // rows of a job are a multiple of it, since kernels take pixels by 4 x 4
 
@@ -18,6 +20,7 @@ const TILE = 4; // rows of a job are a multiple of it, since kernels take pixels
 
 export class Picture {
   #change = 0;
+  #speed = 0; // pixels a millisecond, of coarse pictures
   #coarse = false; // whether the coarse picture is being drawn, which changes do not stop: else a drag would show nothing
   /** @type {(() => void) | null} */ #wake = null;
   /** @type {number[] | null} */ #ambient = null;
@@ -30,11 +33,12 @@ export class Picture {
    * @param {Orbit} camera
    * @param {() => Light} light
    * @param {(samples: number) => void} shown
-   * @param {{sky: {daylight: number} | null, state: number, meter: {exposure: number}}} options the sky, if it is one of
-   *   the lights, and its radiance if it is a soft daylight; the state of the scene, the last one being -1; and the
-   *   exposure of all pictures, which that of the last state sets
+   * @param {{sky: {daylight: number} | null, state: number, meter: {exposure: number}, moving: () => boolean}} options
+   *   the sky, if it is one of the lights, and its radiance if it is a soft daylight; the state of the scene, the last
+   *   one being -1; the exposure of all pictures, which that of the last state sets; and whether the next change comes
+   *   at once, so that finer pictures would not be seen
    */
-  constructor(canvas, pool, camera, light, shown, { sky, state, meter }) {
+  constructor(canvas, pool, camera, light, shown, { sky, state, meter, moving }) {
     this.canvas = canvas;
     this.pool = pool;
     this.camera = camera;
@@ -43,6 +47,7 @@ export class Picture {
     this.sky = sky;
     this.state = state;
     this.meter = meter;
+    this.moving = moving;
     this.samples = 0;
     this.most = SAMPLES;
   }
@@ -79,17 +84,21 @@ export class Picture {
   /** @param {number} change */
   async #draw(change) {
     const [width, height] = this.#size();
-    const coarse = Math.max(1, Math.sqrt((width * height) / (COARSE * this.pool.size)));
+    const most = Math.max(COARSE * this.pool.size, this.#speed * PROMPT);
+    const coarse = Math.max(1, Math.sqrt((width * height) / most));
     const [w, h] = [Math.ceil(width / coarse), Math.ceil(height / coarse)];
     this.samples = 0;
     this.#coarse = true;
     if (!this.#ambient) await this.#pass(w, h, 0, null); // finds the ambient light
+    const begin = performance.now();
     const first = await this.#pass(w, h, 0, null);
+    this.#speed = Math.max(FORGET * this.#speed, (w * h) / Math.max(1, performance.now() - begin));
     this.#coarse = false;
     if (!first) return;
     this.#measure(first);
     this.#show(first, w, h, 1);
     this.shown(0);
+    if (this.moving()) return;
     await new Promise((done) => setTimeout(done, 0)); // for input
     const sum = new Float32Array(4 * width * height);
     for (let pass = 0; this.samples < this.most; pass++) {

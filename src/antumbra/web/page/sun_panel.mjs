@@ -10,6 +10,8 @@ import { fill } from "./words.mjs";
 /** @typedef {import("./words.mjs").Words} Words */
 
 const MINUTES_A_SECOND = 60; // of the day that plays
+const LONGEST = 10; // minutes between two pictures of the day that plays, so that a slow one is followed by no jump
+const EVENING = 7; // degrees: height of the sun at which the day that plays once ends
 const MINUTE = 60;
 
 export class SunPanel {
@@ -133,25 +135,26 @@ export class SunPanel {
     this.second.setAttribute("aria-valuetext", `${altitude.toFixed(0)}°`);
   }
 
-  /** Play the rest of the day once, then show its beginning again; not for people who prefer less motion. */
+  /** Play the rest of the day once, up to the long shadows of the evening; not for people who prefer less motion. */
   playOnce() {
     if (!this.place || this.playing || matchMedia("(prefers-reduced-motion: reduce)").matches) return;
-    this.#play(this.first.value);
+    this.#play(EVENING);
   }
 
-  /** @param {string} [begin] minutes of the day, shown after sunset, which then ends playing */
-  #play(begin) {
+  /** @param {number} [lowest] degrees: the height of the falling sun at which playing ends; without it, it goes on */
+  #play(lowest) {
     this.playing = !this.playing;
     this.#name();
+    if (!this.playing) this.changed();
     let last = performance.now();
     const step = (/** @type {number} */ now) => {
       if (!this.playing) return;
-      const minutes = Math.floor(((now - last) / 1000) * MINUTES_A_SECOND);
+      const minutes = Math.min(LONGEST, Math.floor(((now - last) / 1000) * MINUTES_A_SECOND));
       if (minutes > 0) {
         last = now;
-        this.first.value = (Number(this.first.value) + minutes) % 1440;
-        if (begin !== undefined && this.angles.altitude <= 0) {
-          this.first.value = begin;
+        const { altitude } = this.angles;
+        this.first.value = String((Number(this.first.value) + minutes) % 1440);
+        if (lowest !== undefined && this.angles.altitude <= Math.min(lowest, altitude)) {
           this.playing = false;
           this.#name();
         }
