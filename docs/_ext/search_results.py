@@ -108,10 +108,9 @@ def describe(app, page, template, context, doctree):
     context["site_title"] = TITLE
     if doctree is not None:
         text = description(app, page, doctree)
-        texts = {"description": text, "og:description": text}
-        if page == app.config.root_doc:
-            texts["og:title"] = TITLE
-        context["meta"] = {**(context.get("meta") or {}), **texts}
+        preview = {"og:description": text} | ({"og:title": TITLE} if page == app.config.root_doc else {})
+        context["meta"] = {**(context.get("meta") or {}), **preview}
+        context["metatags"] = f'{context.get("metatags", "")}<meta name="description" content="{escape(text)}">\n'
 
 
 def write_sitemap(app, exception) -> None:

@@ -27,8 +27,9 @@ VegetationOption = Annotated[
     typer.Option(
         "--trees",
         help="Points or outlines of trees, such as FILE?height=COLUMN&radius=5, with a column or a number for "
-        "height, radius, base, crown_base and trunk_radius. transmittance=SHARE of the light passes through a crown; give "
-        "twelve for the months, JAN/FEB/.../DEC. Also shape=cone, id, layer. Sensors lie on the scene without its trees.",
+        "height, radius, base, crown_base and trunk_radius. transmittance=SHARE of the light passes through a crown; "
+        "give twelve for the months, JAN/FEB/.../DEC. Also shape=cone, id, layer. Sensors lie on the scene without its "
+        "trees.",
         metavar="FILE[?OPTIONS]",
         show_default=False,
     ),

@@ -51,8 +51,8 @@ def load(
         - A raster of heights (.tif, .tiff, .vrt, .asc), as `antumbra.from_raster` reads it; requires antumbra[gis].
         - Footprints with heights (.gpkg, .geojson, .shp, .fgb, .parquet) in a column ``height``, as
           `antumbra.from_footprints` reads them; requires antumbra[gis].
-        - A folder with `frames.npy` ((n, v, 3) float, the vertices at n times) and `faces.npy` ((f, 3) int), and
-          optionally `face_rgba.npy` ((f, 4) uint8 or float, linear) and an `info.json` with "times" (n seconds).
+        - A folder with `frames.npy`, the vertices at n times, (n, v, 3) float; `faces.npy`, (f, 3) int; and optionally
+          `face_rgba.npy`, (f, 4) uint8 or float, linear, and an `info.json` with "times" (n seconds).
         - A store (.antumbra), or tiles (.tiles), built by `antumbra build`.
         - ``example:NAME``, a scene that comes with the package: `antumbra.examples` lists them.
         - A mesh of trimesh, pyvista, meshio or Open3D, see `Scene.from_mesh`; or a DataArray of heights of xarray, see
