@@ -11,9 +11,11 @@ from pathlib import Path
 import api_summary
 from docutils import nodes
 from help import help_text
+from sphinx.util import logging
 
 from antumbra.base.command_registry import COMMANDS
 
+LOG = logging.getLogger(__name__)
 TITLE = "Antumbra: exact shadows, sun hours and lines of sight in Python"
 SHORTEST, LONGEST = 50, 160  # characters of a description
 SITEMAP = "sitemap.xml"
@@ -108,6 +110,8 @@ def describe(app, page, template, context, doctree):
     context["site_title"] = TITLE
     if doctree is not None:
         text = description(app, page, doctree)
+        if not SHORTEST <= len(text) <= LONGEST:
+            LOG.warning("the description has %d characters; write one into descriptions.txt", len(text), location=page)
         preview = {"og:description": text} | ({"og:title": TITLE} if page == app.config.root_doc else {})
         context["meta"] = {**(context.get("meta") or {}), **preview}
         context["metatags"] = f'{context.get("metatags", "")}<meta name="description" content="{escape(text)}">\n'
