@@ -454,7 +454,7 @@ def test_fields_of_the_reference_have_dashes(extension):
         nodes.field_list("", nodes.field("", nodes.field_name("", "Parameters"), body)),
         nodes.paragraph("", " -- "),
     ]
-    extension("fields")._set_dashes(None, page)
+    extension("fields")._separate(None, page)
     assert page.astext().splitlines()[2] == "step \N{EN DASH} Minutes, as by --step -- or as the rule says."
     assert page.children[1].astext() == " -- "
 
