@@ -1,4 +1,5 @@
-"""Checks the built site: pages do not scroll sideways on a phone, no image is missing, and the search works.
+"""Checks the built site: pages do not scroll sideways on a phone, no image is missing, the search works, and search
+engines find each page with a title and a description of its own.
 
     python scripts/pages.py docs/_build [--shots FOLDER]
 
@@ -8,6 +9,7 @@ message. --shots also saves a screenshot of each page at both widths.
 
 import argparse
 import functools
+import html
 import http.server
 import json
 import queue
@@ -44,6 +46,8 @@ WORDS = {
     "format": "files",
 }
 """Search terms, and a page that each must list."""
+DESCRIPTION = 50, 160  # characters, as search engines show them
+MARKUP = re.compile(r"[`{}<>*]|\]\(|,,|::|^\W")
 
 _CHECK = """<!doctype html><meta charset="utf-8"><body><script>
 const pages = PAGES, widths = WIDTHS, found = [];
@@ -190,6 +194,38 @@ def search_faults(site: Path) -> list[str]:
     return lines
 
 
+def head_faults(site: Path) -> list[str]:
+    """A line per page whose title or description is missing, long, short, marked up or that of another page."""
+    lines, titles, texts = list[str](), dict[str, str](), dict[str, str]()
+    for page in pages_of(site):
+        head = (site / page).read_text(encoding="utf-8").partition("</head>")[0]
+        title = html.unescape(re.search(r"<title>(.*?)</title>", head, re.DOTALL)[1]).lower()
+        found = [
+            html.unescape(text) for text in re.findall(r'<meta (?:[^>]* )?content="([^"]*)"[^>]*description"', head)
+        ]
+        found += [html.unescape(text) for text in re.findall(r'<meta [^>]*description" content="([^"]*)"', head)]
+        if len(found) != 2 or found[0] != found[1]:
+            lines.append(f"{page} has the descriptions {found}, instead of one for engines and previews")
+            continue
+        text = found[0]
+        if not DESCRIPTION[0] <= len(text) <= DESCRIPTION[1] or text[-1] != "." or MARKUP.search(text):
+            lines.append(
+                f"{page} needs a description of {DESCRIPTION[0]} to {DESCRIPTION[1]} plain characters: {text!r}"
+            )
+        for seen, own, what in ((titles, title, "title"), (texts, text.lower(), "description")):
+            if (other := seen.setdefault(own, page)) != page:
+                lines.append(f"{page} has the {what} of {other}: {own!r}")
+    return lines
+
+
+def sitemap_faults(site: Path) -> list[str]:
+    """A line per page that the sitemap lacks, or that it lists and the site lacks."""
+    listed = re.findall(r"<loc>https://[^/]+/[^/]+/(.*?)</loc>", (site / "sitemap.xml").read_text(encoding="utf-8"))
+    pages = pages_of(site)
+    lines = [f"sitemap.xml lacks {page}" for page in sorted({*pages} - {*listed})]
+    return lines + [f"sitemap.xml lists {page}, which does not exist" for page in sorted({*listed} - {*pages})]
+
+
 def gallery_faults(site: Path) -> list[str]:
     """A line per thumbnail of the gallery that opens no page."""
     paragraphs = re.findall(r"<p>(.*?)</p>", (site / "gallery.html").read_text(encoding="utf-8"), re.DOTALL)
@@ -203,7 +239,8 @@ def main() -> int:
     parser.add_argument("site", type=Path, help="the folder of the built site")
     parser.add_argument("--shots", type=Path, metavar="FOLDER")
     options = parser.parse_args()
-    lines, browser = search_faults(options.site) + gallery_faults(options.site), chromium()
+    checks = search_faults, gallery_faults, head_faults, sitemap_faults
+    lines, browser = [line for check in checks for line in check(options.site)], chromium()
     if browser is None:
         print("pages.py: NO CHROMIUM, so widths and pictures are not checked", file=sys.stderr)
     else:

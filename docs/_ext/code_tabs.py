@@ -12,7 +12,7 @@ from sphinx_design.shared import create_component
 SHELL, PYTHON = ("sh", "Command line"), ("python", "Python")
 """The key of a tab, under which the choice is kept, and its label."""
 
-KINDS = {"sh": SHELL, "python": PYTHON, "py": PYTHON}
+KINDS = {"sh": SHELL, "powershell": SHELL, "python": PYTHON, "py": PYTHON}
 _LABEL = re.compile(r"# (.+)\n")
 
 

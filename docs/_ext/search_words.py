@@ -18,6 +18,7 @@ PAGES = {
     "sky view factor": "jobs/sun", "view factor": "jobs/view-factors",
     "terrain": "terrain", "qgis": "maps", "cityjson": "cities", "gpu": "gpu", "cuda": "gpu", "opencl": "gpu",
     "dataset": "jobs/dataset", "jupyter": "notebook", "colab": "notebook", "error": "errors",
+    "bvh": "concepts", "tree": "concepts", "epsilon": "concepts", "glare": "which-tool", "radiance": "which-tool",
     "wrong": "wrong-elsewhere", "acne": "wrong-elsewhere", "leak": "wrong-elsewhere",
 }  # fmt: skip
 """Word -> page."""

@@ -120,3 +120,32 @@ def test_pages_that_scroll_sideways_are_told(tmp_path):
     (tmp_path / "good.html").write_text("<!doctype html><article><p>narrow</p></article>")
     lines = pages.faults(pages.check_pages(tmp_path, pages.chromium(), None))
     assert len(lines) == 1 and lines[0].startswith("page.html is ") and "at 390" in lines[0]
+
+
+HEAD = (
+    '<head><title>{}</title><meta name="description" content="{}"><meta property="og:description" content="{}"></head>'
+)
+TEXT = "Find out exactly which points see which lights, in one sentence."
+
+
+def test_titles_and_descriptions_that_search_engines_cannot_use_are_told(tmp_path):
+    texts = {"a": TEXT, "b": TEXT.upper(), "c": "Short.", "d": f"`Code` {TEXT}", "e": TEXT[:-1], "f": f"Fine. {TEXT}"}
+    for name, text in texts.items():
+        (tmp_path / f"{name}.html").write_text(HEAD.format("F" if name == "f" else f"A {name != 'e'}", text, text))
+    (tmp_path / "none.html").write_text("<head><title>None</title></head>")
+    lines = pages.head_faults(tmp_path)
+    wrong = [line.partition(" ")[0].removesuffix(".html") for line in lines]
+    assert {*wrong} == {"b", "c", "d", "e", "none"}
+    assert any("title of a.html" in line for line in lines) and any("description of a.html" in line for line in lines)
+
+
+def test_the_sitemap_has_all_pages(tmp_path):
+    for name in ("a", "b"):
+        (tmp_path / f"{name}.html").write_text("")
+    (tmp_path / "sitemap.xml").write_text(
+        "<loc>https://x.io/antumbra/a.html</loc><loc>https://x.io/antumbra/c.html</loc>"
+    )
+    assert pages.sitemap_faults(tmp_path) == [
+        "sitemap.xml lacks b.html",
+        "sitemap.xml lists c.html, which does not exist",
+    ]

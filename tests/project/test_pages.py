@@ -183,6 +183,68 @@ def test_the_summary_of_a_name_is_its_first_sentence(extension):
     ]
 
 
+def test_the_summary_of_a_result_is_without_its_type(extension):
+    pytest.importorskip("sphinx", reason="summaries of the reference are NOT checked without Sphinx")
+    summary = extension("api_summary")
+    assert summary.summary_of("antumbra.Hit.mask") == "Whether the ray hits a face."
+    assert summary.summary_of("antumbra.Sky.radiance").startswith("Linear radiance along directions")
+    assert summary.summary_of("antumbra.integrations.open3d.RaycastingScene.INVALID_ID") == "Constant, 4294967295."
+
+
+def test_parameters_that_a_function_describes_are_not_repeated(extension):
+    shared = extension("shared_keywords")
+    for name, other in shared.DESCRIBED.items():
+        lines, whole = shared.docstring_of(name), shared.parameters(shared.docstring_of(other))
+        before = shared.parameters(lines)
+        shared.refer(None, "class", name, None, None, lines)
+        after = shared.parameters(lines)
+        (sentence,) = [line for line in lines if line.endswith(f"described at `{other}`.")]
+        gone = {each for names in before.keys() - after.keys() for each in names.split(", ")}
+        assert gone == set(re.findall(r"\*(\w+)\*", sentence)) and len(gone) > 5
+        assert before.keys() - after.keys() <= whole.keys() and "Raises" in lines
+
+
+def test_fields_are_a_name_a_type_and_a_text(extension):
+    nodes = pytest.importorskip("docutils.nodes", reason="fields are NOT checked without docutils")
+    page = pytest.importorskip("docutils.utils").new_document("page")
+    parts = nodes.strong("", "points"), nodes.Text(" ("), nodes.emphasis("", "(n, 3) float"), nodes.Text(")")
+    field = nodes.paragraph("", "", *parts, nodes.Text(" -- "), nodes.Text("World (not local)."))
+    bare = nodes.paragraph("", "", nodes.strong("", "a"), nodes.Text(" ("), nodes.Text("int"), nodes.Text(")"))
+    page += nodes.field_list("", nodes.field("", nodes.field_name("", "x"), nodes.field_body("", field, bare)))
+    names = [nodes.list_item("", field.deepcopy()) for _ in range(3)]
+    for item, name in zip(names, "abc"):
+        item[0][0].replace_self(nodes.strong("", name))
+    entries = nodes.bullet_list("", *names, nodes.list_item("", bare.deepcopy()))
+    page += nodes.field_list("", nodes.field("", nodes.field_name("", "y"), nodes.field_body("", entries)))
+    extension("fields")._separate(None, page)
+    shown = [item.astext() for item in entries]
+    assert shown == ["a, b, c : (n, 3) float \N{EN DASH} World (not local).", "a : int"]
+    assert field.astext() == "points : (n, 3) float \N{EN DASH} World (not local)." and bare.astext() == "a : int"
+
+
+def test_pages_are_described_by_their_first_sentences(extension):
+    pytest.importorskip("sphinx", reason="descriptions of pages are NOT checked without Sphinx")
+    nodes = pytest.importorskip("docutils.nodes")
+    results = extension("search_results")
+    page = pytest.importorskip("docutils.utils").new_document("page")
+    page += [
+        nodes.figure("", nodes.caption("", "A picture."), nodes.legend("", nodes.paragraph("", "In a figure."))),
+        nodes.paragraph("", "It traces 1.5 rays, e.g. two. "),
+        nodes.paragraph("", f"They are exact. {'Long ' * 40}end."),
+    ]
+    assert results.of_text(page) == "It traces 1.5 rays, e.g. two. They are exact."
+    assert results.of_command("sun").startswith("antumbra sun: Compute sun hours on surfaces. ")
+
+
+def test_written_descriptions_are_of_pages_and_fit(extension):
+    pytest.importorskip("sphinx", reason="descriptions of pages are NOT checked without Sphinx")
+    results = extension("search_results")
+    assert len(results.SENTENCES) > 40 and len({*results.SENTENCES.values()}) == len(results.SENTENCES)
+    for page, text in results.SENTENCES.items():
+        assert any((DOCS / f"{page}{suffix}").is_file() for suffix in (".md", ".ipynb")), page
+        assert results.SHORTEST <= len(text) <= results.LONGEST and text.endswith(".") and "`" not in text, page
+
+
 def test_charts_are_told_from_pictures_by_their_white_ground(extension):
     charts = extension("charts")
     kinds = {path.name: charts.kind_of(path) for path in (DOCS / "papers").iterdir() if path.suffix in (".png", ".svg")}
@@ -392,7 +454,7 @@ def test_fields_of_the_reference_have_dashes(extension):
         nodes.field_list("", nodes.field("", nodes.field_name("", "Parameters"), body)),
         nodes.paragraph("", " -- "),
     ]
-    extension("fields")._set_dashes(None, page)
+    extension("fields")._separate(None, page)
     assert page.astext().splitlines()[2] == "step \N{EN DASH} Minutes, as by --step -- or as the rule says."
     assert page.children[1].astext() == " -- "
 

@@ -15,6 +15,7 @@ from ..base.wording import counted
 from ..engine.measured_scenes import measured_scene
 from ..engine.scene import AnyScene, Scene
 from ..engine.scene_loading import SceneLike, load
+from ..formats.example_files import scene_path
 from ..formats.format_registry import GLB, GLTF, format_of
 from ..formats.gltf.accessors import Accessors
 from ..formats.gltf.gltf_asset import Asset, open_asset
@@ -101,7 +102,8 @@ def bake_source(scene: SceneLike, up: str | None = None) -> BakeSource:
     if isinstance(scene, AnyScene):
         return BakeSource(scene, None)
     loaded = load(scene, up=up, instances=False)  # a bake writes every copy
-    return BakeSource(loaded, Path(scene) if isinstance(scene, (str, os.PathLike)) and is_gltf(Path(scene)) else None)
+    path = scene_path(scene) if isinstance(scene, (str, os.PathLike)) else None
+    return BakeSource(loaded, path if path is not None and is_gltf(path) else None)
 
 
 def is_gltf(path: Path) -> bool:

@@ -84,7 +84,7 @@ class BakeKeywords:
     uv: int | None = option(
         None,
         WholeNumber(0, 7, optional=True),
-        "UV set of the file for the texture.",
+        "UV set of the file that the texture uses.",
         kind=int | None,
         note="a new atlas",
         metavar="SET",
@@ -104,7 +104,10 @@ class BakeKeywords:
     """Filter a texture of ao or shadow over 4 x 4 texels, within penumbrae and surfaces; of light, filter the
     sky and bounced light, several times."""
     radius: float | None = option(
-        None, RealNumber(0.0, np.inf, "(]", optional=True), "For ao: greatest distance of occluders.", note="no limit"
+        None,
+        RealNumber(0.0, np.inf, "(]", optional=True),
+        "For ao: greatest distance of occluders, in world units.",
+        note="no limit",
     )
     """For ao and bent-normal: ignore blockers farther away than this, in world units. None: all count."""
     lights: Sequence[Light] | Light | None = option(None, unchecked, doc_type="lights or None")
@@ -125,7 +128,9 @@ class BakeKeywords:
     keep_hidden: bool = option(False, flag, "Keep points inside solids dark.")
     """Keep the values of points inside solids. Otherwise those of visible points nearby replace them."""
     time: float = same_option(RenderOptions, "time")
-    plan: str | Plan | None = same_option(EngineOptions, "plan", help="Plan; see antumbra plans.", note="auto")
+    plan: str | Plan | None = same_option(
+        EngineOptions, "plan", help="The methods of building and tracing; see antumbra plans.", note="auto"
+    )
     threads: int | None = same_option(EngineOptions, "threads")
 
 

@@ -54,7 +54,10 @@ _VALUES = {
     "step": "MINUTES",
     "time": "SECONDS",
     **dict.fromkeys(("north", "latitude", "longitude"), "DEGREES"),
-    **dict.fromkeys(("spacing", "eye_height", "earth_radius"), "LENGTH"),
+    **dict.fromkeys(("host", "allow_host"), "HOST"),
+    **dict.fromkeys(("object", "culler"), "NAME"),
+    **dict.fromkeys(("spacing", "eye_height", "earth_radius", "hub_height", "rotor", "radius"), "LENGTH"),
+    **dict.fromkeys(("min_distance", "max_distance"), "LENGTH"),
 }
 """Option -> the name of its value in the help of every command."""
 
@@ -99,7 +102,7 @@ class HelpfulCommand(ParsedOnce, TyperCommand):
         return params
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
-        return [piece.strip("{}") for piece in super().collect_usage_pieces(ctx)]
+        return [re.sub(r"[{}]", "", piece).replace("......", "...") for piece in super().collect_usage_pieces(ctx)]
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         super().format_help(ctx, _with_bold_titles(formatter))
@@ -162,7 +165,9 @@ def _name_value(param: Any, ctx: Any) -> None:
 
 
 def _with_words(text: str) -> str:
-    """The help of an option, with limits in words: 0<=x<=9 becomes 0 to 9."""
+    """The help of an option, with limits in words, 0 to 9 for 0<=x<=9, whole numbers, and one pair of brackets."""
+    text = re.sub(r"\]\s+\[(?=[^][]*\]$)", "; ", text)
+    text = re.sub(r"(\[default: -?\d+)\.0\b", r"\1", text)
     text = re.sub(r"([-\d.e+]+)<=x<=([-\d.e+]+)", r"\1 to \2", text)
     return re.sub(r"\bx>=([-\d.e+]+)", r"at least \1", text)
 

@@ -501,14 +501,22 @@ ColumnOption = Annotated[
     str | None,
     typer.Option(help="Column shown in pictures and models.  [default: the first]", show_default=False),
 ]
-PlanOption = Annotated[str | None, typer.Option(help="Plan; see antumbra plans.  [default: auto]", show_default=False)]
+PlanOption = Annotated[
+    str | None,
+    typer.Option(help="The methods of building and tracing; see antumbra plans.  [default: auto]", show_default=False),
+]
 
 CrsOption = Annotated[
     str | None,
     typer.Option(help="Coordinate reference system, such as EPSG:28992.  [default: the file's]", show_default=False),
 ]
 _POSITION = "latitude", "longitude", "north", "timezone"
-DegreesOption = Annotated[float | None, typer.Option(help="Degrees, WGS 84.", show_default=False)]
+LatitudeOption = Annotated[
+    float | None, typer.Option(help="Latitude of the scene, WGS 84; north is positive.", show_default=False)
+]
+LongitudeOption = Annotated[
+    float | None, typer.Option(help="Longitude of the scene, WGS 84; east is positive.", show_default=False)
+]
 NorthOption = Annotated[
     float | None,
     typer.Option(

@@ -20,6 +20,7 @@ from ..base import wings
 from ..base.checks import spelling_hint
 from ..base.errors import InputError
 from ..base.wording import counted
+from ..formats.example_files import EXAMPLE_PREFIX, PROCEDURAL_PREFIX, file_of
 from ..formats.format_registry import GLB, GLTF, format_of, suffixes_of
 from ..formats.scene_format import Contents, ReadOptions, Tile, check_z_up
 from ..scene.materials import MONTHS, Transmittance
@@ -34,9 +35,7 @@ if TYPE_CHECKING:
     from ..engine.scene import AnyScene
     from ..scene.terrain import StreamedTerrain
 
-PROCEDURAL = "procedural:"
-EXAMPLE = "example:"
-DEFAULT_SCENE = PROCEDURAL + "atrium"
+DEFAULT_SCENE = PROCEDURAL_PREFIX + "atrium"
 
 _LOD = re.compile(r"(.+\.jsonl?)\?lod=(.*)", re.IGNORECASE)
 _MESH_OPTIONS = re.compile(
@@ -120,19 +119,17 @@ def parse_scene(text: str) -> SceneSpec:
     """
     if not text:
         raise InputError(f"SCENE is empty; name a file, a folder or {DEFAULT_SCENE}")
-    if text.startswith(PROCEDURAL):
+    if text.startswith(PROCEDURAL_PREFIX):
         return _procedural(text)
-    if text.startswith(EXAMPLE):
-        from ..examples import file_of
-
-        example, mark, query = text[len(EXAMPLE) :].partition("?")
+    if text.startswith(EXAMPLE_PREFIX):
+        example, mark, query = text[len(EXAMPLE_PREFIX) :].partition("?")
         text = f"{file_of(example)}{mark}{query}"
     text, unit = _split_unit(text)
     return _of_file(text)._replace(unit=unit)
 
 
 def _procedural(text: str) -> SceneSpec:
-    name, _, query = text[len(PROCEDURAL) :].partition("?")
+    name, _, query = text[len(PROCEDURAL_PREFIX) :].partition("?")
     options: dict[str, int] = {}
     for key, value in parse_qsl(query, keep_blank_values=True):
         if key not in ("triangles", "seed") or key in options:
@@ -344,7 +341,7 @@ class SceneArguments:
         list[Path] | None,
         _option(
             "--terrain",
-            "Raster of the ground on which footprints stand, or that lies below a raster; tiles: repeat it.",
+            "Raster of the ground on which footprints stand, or that lies below a raster; may be repeated, for tiles.",
             "FILE",
         ),
     ] = None
@@ -418,7 +415,7 @@ BeforeOption = Annotated[
     bool,
     typer.Option(
         "--before",
-        help="Add the state before --add and --remove. The sensors are the same: Q_before, Q and Q_loss.",
+        help="Add the state before --add and --remove. At the same sensors: columns Q_before, Q and Q_loss.",
     ),
 ]
 

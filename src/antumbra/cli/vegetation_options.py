@@ -26,9 +26,10 @@ VegetationOption = Annotated[
     str | None,
     typer.Option(
         "--trees",
-        help="Points or outlines of trees: FILE?height=COLUMN&radius=COLUMN&transmittance=SHARE, where SHARE of the "
-        "light passes through a crown, or JAN/FEB/.../DEC, and each column may be a number; also shape=cone, base, "
-        "crown_base, trunk_radius, id, layer. Sensors lie on the scene without its trees.",
+        help="Points or outlines of trees, such as FILE?height=COLUMN&radius=5, with a column or a number for "
+        "height, radius, base, crown_base and trunk_radius. transmittance=SHARE of the light passes through a crown; "
+        "give twelve for the months, JAN/FEB/.../DEC. Also shape=cone, id, layer. Sensors lie on the scene without its "
+        "trees.",
         metavar="FILE[?OPTIONS]",
         show_default=False,
     ),

@@ -14,7 +14,8 @@ from .console import ProgressDisplay, say
 from .options import (
     CameraOption,
     CrsOption,
-    DegreesOption,
+    LatitudeOption,
+    LongitudeOption,
     MaxMemoryOption,
     NorthOption,
     PictureLightOption,
@@ -59,8 +60,8 @@ class ViewArguments(SceneArguments):
     time: TimeOption = 0.0
     up: UpOption = None
     crs: CrsOption = None
-    latitude: DegreesOption = None
-    longitude: DegreesOption = None
+    latitude: LatitudeOption = None
+    longitude: LongitudeOption = None
     north: NorthOption = None
     timezone: TimezoneOption = None
     plan: PlanOption = None

@@ -60,7 +60,7 @@ class DatasetOptions:
     sampler: str = same_option(RenderOptions, "sampler")
     time: float = same_option(RenderOptions, "time")
     plan: str | Plan | None = same_option(
-        EngineOptions, "plan", help="Plan; see antumbra plans. Exact plans give the same bits.", note=""
+        EngineOptions, "plan", help="The methods of building and tracing; see antumbra plans.", note=""
     )
     threads: int | None = same_option(EngineOptions, "threads")
     max_memory: int | None = same_option(EngineOptions, "max_memory")

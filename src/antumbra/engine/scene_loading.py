@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, cast
 from ..base.checks import byte_count, flag, quoted
 from ..base.errors import InputError
 from ..base.memory import reading_limit
+from ..formats.example_files import scene_path
 from ..formats.format_registry import GLB, GLTF, format_of
 from ..formats.scene_format import ReadOptions
 from ..scene.crs import checked_crs, in_one_unit
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from .paged_scene import PagedScene
 
 SceneLike: TypeAlias = "AnyScene | str | os.PathLike[str] | Any"
-"""A scene argument: a scene, the path of one, or a mesh or DataArray of another library, see `load`."""
+"""A scene argument: a scene, the path or example name of one, or a mesh or DataArray of another library, see `load`."""
 
 
 def load(
@@ -43,16 +44,17 @@ def load(
     Parameters
     ----------
     path : str, path-like, or a mesh
-        One of seven kinds:
+        One of eight kinds:
 
         - A .glb, .gltf, .obj, .ply or .stl file. Files that it refers to are read from its folder only.
         - A CityJSON file (.json, .city.json) or CityJSONSeq file (.jsonl, .city.jsonl); requires antumbra[gis].
         - A raster of heights (.tif, .tiff, .vrt, .asc), as `antumbra.from_raster` reads it; requires antumbra[gis].
         - Footprints with heights (.gpkg, .geojson, .shp, .fgb, .parquet) in a column ``height``, as
           `antumbra.from_footprints` reads them; requires antumbra[gis].
-        - A folder with `frames.npy` ((n, v, 3) float, the vertices at n times) and `faces.npy` ((f, 3) int), and
-          optionally `face_rgba.npy` ((f, 4) uint8 or float, linear) and an `info.json` with "times" (n seconds).
+        - A folder with `frames.npy`, the vertices at n times, (n, v, 3) float; `faces.npy`, (f, 3) int; and optionally
+          `face_rgba.npy`, (f, 4) uint8 or float, linear, and an `info.json` with "times" (n seconds).
         - A store (.antumbra), or tiles (.tiles), built by `antumbra build`.
+        - ``example:NAME``, a scene that comes with the package: `antumbra.examples` lists them.
         - A mesh of trimesh, pyvista, meshio or Open3D, see `Scene.from_mesh`; or a DataArray of heights of xarray, see
           `antumbra.from_raster`.
 
@@ -112,7 +114,7 @@ def load(
 
     Examples
     --------
-    >>> temple = at.load(at.examples.file_of("temple"))
+    >>> temple = at.load("example:temple")
     >>> temple.bounds.round(1)
     array([[ -7.7,  -0. , -11. ],
            [  7.7,  11.8,  11. ]])
@@ -121,7 +123,9 @@ def load(
     if transmittance is not None and instances is None:
         instances = False
     length = None if unit is None else checked_unit(unit)
-    if animation is not None and not (isinstance(path, (str, os.PathLike)) and format_of(Path(path)) in (GLB, GLTF)):
+    if isinstance(path, (str, os.PathLike)):
+        path = scene_path(path)
+    if animation is not None and not (isinstance(path, Path) and format_of(path) in (GLB, GLTF)):
         raise InputError(f"{quoted(path)}: animation chooses a clip of a glTF file; leave it out")
     options = ReadOptions(up, lod, instances, flag(cutouts, "cutouts"), given_crs, length, animation)
     limit = None if max_memory is None else byte_count(max_memory, "max_memory", 1)

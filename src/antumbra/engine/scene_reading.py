@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from ..base.checks import flag, path_of, text
+from ..base.checks import flag, text
 from ..base.errors import InputError
 from ..base.files import checked_file
+from ..formats.example_files import scene_path
 from ..formats.foreign_formats import cure_of
 from ..formats.format_registry import FORMATS, FRAMES, GLB, GLTF, format_of, format_taking
 from ..formats.library_meshes import KNOWN, data_of_mesh, is_mesh
@@ -53,7 +54,7 @@ def read_scene_data(value: Any, options: ReadOptions = _DEFAULT) -> SceneData:
     if (taking := format_taking(value)) is not None:
         return taking.read(value, options)
     if isinstance(value, (str, os.PathLike)):
-        return _scene_in(path_of(value, "scene"), options)
+        return _scene_in(scene_path(value), options)
     kind = type(value).__name__
     raise InputError(
         f"scene is of type {kind}; give the path of a file, a scene, a DataArray, or {KNOWN}; arrays go to "

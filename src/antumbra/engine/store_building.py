@@ -5,10 +5,11 @@ import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
-from ..base.checks import byte_count, path_of, quoted, whole_number
+from ..base.checks import byte_count, quoted, whole_number
 from ..base.errors import InputError
 from ..base.files import checked_output
 from ..base.progress import Progress, show_progress, with_progress
+from ..formats.example_files import scene_path
 from ..formats.format_registry import format_of, format_taking
 from ..formats.library_meshes import is_mesh
 from ..formats.scene_format import ReadOptions, Stream
@@ -131,7 +132,7 @@ def _with_tiles(scenes: "Iterable[SceneLike | StreamedScene]") -> "Iterator[Scen
     """The scenes, with `_Tiles` of the files of one format with a stream that follow one another."""
     tiles, others = list[_Tiles](), list[Any]()
     for scene in scenes:
-        path = path_of(scene, "scene") if isinstance(scene, (str, os.PathLike)) else None
+        path = scene_path(scene) if isinstance(scene, (str, os.PathLike)) else None
         file_format = format_taking(scene) if path is None else format_of(path)
         if file_format is not None and file_format.stream is not None:
             if tiles and tiles[0].stream is not file_format.stream:

@@ -1,54 +1,15 @@
 """Small scenes that come with the package and under its licence, so that pages and programs run anywhere.
 
-On the command line, ``example:NAME`` names them.
+``example:NAME`` names them on the command line and in `antumbra.load`.
 """
 
-from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
-from ..base.checks import quoted, spelling_hint
-from ..base.errors import InputError
+from ..formats.example_files import EXAMPLES, Example, file_of
 
 if TYPE_CHECKING:
     from ..engine.paged_scene import PagedScene
     from ..engine.scene import Scene
-
-
-class Example(NamedTuple):
-    """A scene in this folder."""
-
-    file: str
-    description: str
-
-
-EXAMPLES = {
-    "hills": Example("hills.tif", "heights of hills in EPSG:28992, one square kilometre"),
-    "mill": Example("mill.glb", "a windmill whose sails turn, with a texture of bricks"),
-    "room": Example("room.glb", "a closed hall with columns, a table and shelves"),
-    "temple": Example("temple.glb", "a temple of fluted columns under a roof of tiles"),
-    "town": Example("town.glb", "houses, trees, cars and lamps along two streets"),
-    "village": Example("village.city.json", "a street with houses and trees on the hills in EPSG:7415, CityJSON"),
-}
-"""All scenes by name."""
-
-
-def file_of(name: str) -> Path:
-    """The file of an example scene, to copy it or to pass it to another program.
-
-    Parameters
-    ----------
-    name : str
-        "hills", "mill", "room", "temple", "town" or "village".
-
-    Raises
-    ------
-    InputError
-        On an unknown name.
-    """
-    if not isinstance(name, str) or name not in EXAMPLES:
-        hint = spelling_hint(name, EXAMPLES) if isinstance(name, str) else ""
-        raise InputError(f"there is no example scene {quoted(name)}; {hint}choose one of {', '.join(EXAMPLES)}")
-    return Path(__file__).parent / EXAMPLES[name].file
 
 
 def _load(name: str) -> "Scene | PagedScene":

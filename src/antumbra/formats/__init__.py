@@ -8,6 +8,7 @@
 - `text_numbers`: numbers in the text of mesh files
 - `array_files`: .npy and .npz files, and folders of vertex frames
 - `library_meshes`: arrays, and the meshes of trimesh, PyVista, meshio and Open3D
+- `example_files`: names of the scenes that come with the package
 - `instance_arrays`: scenes of instances from arrays
 - `reprojection`: commands that reproject files, for messages
 - `json_fields`: checked access to JSON objects

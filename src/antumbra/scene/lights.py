@@ -120,9 +120,12 @@ def _fixed_patch(
 
 @dataclass(frozen=True, eq=False)
 class PointLight(Light):
-    """A point light at `position` ((3,), world).
+    """A point light.
 
     A surface at distance d receives intensity cos(theta) / d^2, where theta is the angle to its normal.
+
+    position : (3,) float
+        In world coordinates.
 
     Examples
     --------
@@ -149,9 +152,14 @@ class PointLight(Light):
 
 @dataclass(frozen=True, eq=False)
 class QuadLight(Light):
-    """A two-sided parallelogram light corner + a u + b v, 0 <= a, b <= 1 (all (3,), world).
+    """A two-sided parallelogram light: all points corner + a u + b v with 0 <= a, b <= 1.
 
     Its radiance is intensity / area in all directions. Its parts below a surface's horizon do not contribute.
+
+    corner : (3,) float
+        In world coordinates.
+    u, v : (3,) float
+        The two edges that begin at the corner.
 
     Examples
     --------
@@ -189,9 +197,16 @@ class QuadLight(Light):
 
 @dataclass(frozen=True, eq=False)
 class DiskLight(Light):
-    """A two-sided disk light around `center` ((3,), world) with `normal` ((3,), any length) and `radius` > 0.
+    """A two-sided disk light.
 
     Its radiance is intensity / area in all directions. Its parts below a surface's horizon do not contribute.
+
+    center : (3,) float
+        In world coordinates.
+    normal : (3,) float
+        Of any length.
+    radius : float
+        In world units, greater than 0.
 
     Examples
     --------
@@ -234,7 +249,7 @@ class DiskLight(Light):
 
 @dataclass(frozen=True, eq=False)
 class SphereLight(Light):
-    """A sphere light around `center` ((3,), world) with `radius` > 0.
+    """A light with the shape of a sphere.
 
     It emits `intensity` in every direction: its radiance is intensity / (pi radius^2). A surface from which the whole
     sphere is visible, with its centre at distance d, receives intensity cos(theta) / d^2, as from a point light.
@@ -242,6 +257,11 @@ class SphereLight(Light):
     A receiver samples the disk bounded by the circle in which its tangent cone touches the sphere. This disk covers
     exactly the directions in which the sphere is visible. Inside the sphere, the receiver samples the great disk that
     faces it.
+
+    center : (3,) float
+        In world coordinates.
+    radius : float
+        In world units, greater than 0.
 
     Examples
     --------

@@ -221,7 +221,10 @@ class Sky(LightList):
         return LightPatch(DIRECTIONAL, np.zeros(3), u, v, w, 0.0)
 
     def radiance(self, directions: np.ndarray) -> NDArray[np.float32]:
-        """(..., 3) float32: linear radiance seen along directions ((..., 3) float, world, any length), bilinear."""
+        """(..., 3) float32: linear radiance along directions, bilinear between pixels of the image.
+
+        directions : (..., 3) float, world, any length
+        """
         directions = as_array(directions, "directions")
         if directions.ndim < 1 or directions.shape[-1] != 3:
             raise InputError(f"directions must have shape (..., 3), not {directions.shape}")

@@ -15,7 +15,8 @@ from ..cli.console import ProgressDisplay, say
 from ..cli.options import (
     CameraOption,
     CrsOption,
-    DegreesOption,
+    LatitudeOption,
+    LongitudeOption,
     NorthOption,
     Quiet,
     SceneArgument,
@@ -82,8 +83,8 @@ class PageArguments(SceneArguments):
     time: TimeOption = 0.0
     up: UpOption = None
     crs: CrsOption = None
-    latitude: DegreesOption = None
-    longitude: DegreesOption = None
+    latitude: LatitudeOption = None
+    longitude: LongitudeOption = None
     north: NorthOption = None
     timezone: TimezoneOption = None
     quiet: Quiet = False
@@ -93,10 +94,10 @@ class PageArguments(SceneArguments):
 def page(args: PageArguments) -> int:
     """Write SCENE as one HTML file that works offline.
 
-    The page shows the shadows of the sun at any date and time, and tells of each clicked place when it has sun and what
+    The page shows the shadows of the sun at any date and time, and for each clicked place, when it has sun and what
     blocks it. It checks its own bits against those of this program when it opens. The place on Earth is that of the
     CRS, or --latitude and --longitude; without one, the sun is set by hand. With --variant, --add or --remove, a
-    divider parts the states before and after, and the page tells what changes at a clicked place.
+    divider separates the states before and after, and the page shows what changes at a clicked place.
 
     \b
     Examples

@@ -15,11 +15,12 @@ from typing import Any, NamedTuple, TypeAlias, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...base.checks import items, path_of, quoted, vector
+from ...base.checks import items, quoted, vector
 from ...base.errors import InputError
 from ...base.wording import counted, place_text, some_of
 from ...engine.scene import AnyScene, Scene
 from ...engine.scene_loading import SceneLike, load, scene_of
+from ...formats.example_files import scene_path
 from ...formats.format_registry import format_of
 from ...formats.scene_format import Contents
 from ...scene.crs import check_horizontal_crs
@@ -365,7 +366,7 @@ _UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 def _loaded(what: Any, base: MemoryData) -> AnyScene:
     """The scene that an addition is, or that is read: footprints in the CRS of the scene to which they are added."""
     if isinstance(what, (str, PathLike)):
-        path = path_of(what, "add")
+        path = scene_path(what, "add")
         known = format_of(path)
         if known is not None and known.contents is Contents.FOOTPRINTS:
             return from_footprints(path, crs=base.crs)

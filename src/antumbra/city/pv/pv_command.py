@@ -12,8 +12,9 @@ from ...base.errors import InputError
 from ...base.option_fields import field_values
 from ...cli.options import (
     CrsOption,
-    DegreesOption,
+    LatitudeOption,
     ListedBefore,
+    LongitudeOption,
     NorthOption,
     SceneArgument,
     TimezoneOption,
@@ -67,12 +68,12 @@ class PvCommand(StudyCommand[PvOptions, "ModuleShading"]):
         typer.Option(help="2026-06-21, 2026-03-21:2026-09-21, year:2026, or a comma-separated list.", metavar="DAYS"),
     ]
     step: Annotated[
-        float, typer.Option(help="Minutes between times. Each is the middle of its interval.", metavar="MINUTES")
+        float, typer.Option(help="Interval between times. Each time is the middle of its interval.", metavar="MINUTES")
     ] = 60.0
     trees: VegetationOption = None
     crs: CrsOption = None
-    latitude: DegreesOption = None
-    longitude: DegreesOption = None
+    latitude: LatitudeOption = None
+    longitude: LongitudeOption = None
     north: NorthOption = None
     timezone: TimezoneOption = None
     output: Annotated[

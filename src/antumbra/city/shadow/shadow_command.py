@@ -14,8 +14,9 @@ from ...base.option_fields import field_values
 from ...cli.options import (
     LISTED_LAST,
     CrsOption,
-    DegreesOption,
+    LatitudeOption,
     ListedBefore,
+    LongitudeOption,
     MapOption,
     NorthOption,
     SceneArgument,
@@ -69,12 +70,12 @@ class ShadowCommand(StudyCommand[ShadowOptions, "Shadow"]):
         bool,
         typer.Option(
             "--before",
-            help="Compare with the state before a change: new and gone shadow, or added hours, by --add and --remove.",
+            help="Compare with the state before changes: new and gone shadow, or added hours. See --add and --remove.",
         ),
     ] = False
     crs: CrsOption = None
-    latitude: DegreesOption = None
-    longitude: DegreesOption = None
+    latitude: LatitudeOption = None
+    longitude: LongitudeOption = None
     north: NorthOption = None
     timezone: TimezoneOption = None
     output: Annotated[list[Path] | None, tables("Output file", "--output", "-o", suffixes=_SUFFIXES)] = None

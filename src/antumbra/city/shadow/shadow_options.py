@@ -83,7 +83,7 @@ class ShadowOptions:
     plane: float | None = option(
         None,
         RealNumber(-np.inf, np.inf, optional=True),
-        "Height of the plane on which the shadow falls.",
+        "Height of the shadow's plane, in world units.",
         note="with cells, the highest surfaces; else the lowest point of the scene",
         metavar="HEIGHT",
     )
@@ -92,7 +92,7 @@ class ShadowOptions:
     cell: float | None = option(
         None,
         RealNumber(0.0, np.inf, optional=True),
-        "Side of a raster cell: exact rays from each cell's centre.",
+        "Side of a raster cell, in world units: exact rays from each cell's centre.",
         note="1 m for days; else no raster, but exact outlines on a plane",
         metavar="SIZE",
     )
@@ -128,12 +128,17 @@ class ShadowOptions:
     """For `days`: lower limits of the classes of hours of shadow, in ascending order. The last class has no upper
     limit."""
     step: float = option(
-        15.0, lambda value, _: checked_step(value), "For days: minutes for each sun position.", metavar="MINUTES"
+        15.0,
+        lambda value, _: checked_step(value),
+        "For days: interval that each sun position represents.",
+        metavar="MINUTES",
     )
     """For `days`: minutes that each sun position represents."""
     place: Place | None = option(None, optional(_place))
     """None: that of the scene's CRS."""
-    plan: str | Plan | None = same_option(EngineOptions, "plan", help="Plan of rays; see antumbra plans.", note="auto")
+    plan: str | Plan | None = same_option(
+        EngineOptions, "plan", help="The methods of building and tracing; see antumbra plans.", note="auto"
+    )
     threads: int | None = same_option(EngineOptions, "threads")
 
     def __post_init__(self) -> None:

@@ -93,7 +93,7 @@ class ViewshedCommand(SensorStudy[ViewshedOptions, "Viewshed"]):
         ),
     ] = None
     spacing: Annotated[
-        float | None, typer.Option(help="World units between observers along lines.", show_default=False)
+        float | None, typer.Option(help="Distance between observers along lines, in world units.", show_default=False)
     ] = None
     trees: VegetationOption = None
     before: BeforeOption = False

@@ -46,7 +46,10 @@ class ViewshedOptions:
     )
     """World units, in a straight line from eye to sensor; the limits are included."""
     max_distance: float | None = option(
-        None, RealNumber(0.0, np.inf, "(]", optional=True), "Farthest distance of visible sensors.", note="no limit"
+        None,
+        RealNumber(0.0, np.inf, "(]", optional=True),
+        "Farthest distance of visible sensors, in world units.",
+        note="no limit",
     )
     """None: no limit."""
     azimuth: tuple[float, float] = option(
@@ -82,7 +85,9 @@ class ViewshedOptions:
         False, flag, "Add how tall a target must be to be seen. For rasters of heights: the height above each cell."
     )
     """For the cells of a scene that is a raster of heights: also find how tall a thing must be in each to be seen."""
-    plan: str | Plan | None = same_option(EngineOptions, "plan", help="Plan; see antumbra plans.", note="auto")
+    plan: str | Plan | None = same_option(
+        EngineOptions, "plan", help="The methods of building and tracing; see antumbra plans.", note="auto"
+    )
     time: float = same_option(RenderOptions, "time")
     threads: int | None = same_option(EngineOptions, "threads")
 

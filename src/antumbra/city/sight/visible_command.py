@@ -77,9 +77,12 @@ class VisibleCommand(SensorStudy[VisibleOptions, "Table | TableBlocks"]):
         ),
     ] = None
     hub_height: Annotated[
-        float | None, typer.Option(help="Height of the hub above the foot of a turbine.", show_default=False)
+        float | None,
+        typer.Option(help="Height of the hub above the foot of a turbine, in world units.", show_default=False),
     ] = None
-    rotor: Annotated[float | None, typer.Option(help="Diameter of the rotor.", show_default=False)] = None
+    rotor: Annotated[float | None, typer.Option(help="Diameter of the rotor, in world units.", show_default=False)] = (
+        None
+    )
     object: Annotated[
         list[str] | None,
         typer.Option(help="An object of the scene, such as a building; may be repeated.", show_default=False),
@@ -104,7 +107,9 @@ class VisibleCommand(SensorStudy[VisibleOptions, "Table | TableBlocks"]):
     ] = None
     spacing: Annotated[
         float | None,
-        typer.Option(help="World units between points on objects and polygons.  [default: 1 m]", show_default=False),
+        typer.Option(
+            help="Distance between points on objects and polygons, in world units.  [default: 1 m]", show_default=False
+        ),
     ] = None
     trees: VegetationOption = None
     before: BeforeOption = False

@@ -26,7 +26,7 @@ def _step(value: Any, what: str) -> float:
 class SkylineOptions:
     """The options of a skyline, checked and immutable. Raises InputError."""
 
-    azimuth_step: float = option(1.0, _step, "Degrees between azimuths; must divide 360.", metavar="DEGREES")
+    azimuth_step: float = option(1.0, _step, "Angle between azimuths; must divide 360.", metavar="DEGREES")
     """Degrees between azimuths, 0.01 to 90; it must divide 360."""
     north: float | None = option(
         None,

@@ -12,8 +12,9 @@ from ...base.errors import InputError
 from ...base.option_fields import field_values
 from ...cli.options import (
     CrsOption,
-    DegreesOption,
+    LatitudeOption,
     ListedBefore,
+    LongitudeOption,
     MapOption,
     NorthOption,
     SceneArgument,
@@ -68,8 +69,8 @@ class CalendarCommand(StudyCommand[CalendarOptions, "SunCalendar"]):
     ]
     trees: VegetationOption = None
     crs: CrsOption = None
-    latitude: DegreesOption = None
-    longitude: DegreesOption = None
+    latitude: LatitudeOption = None
+    longitude: LongitudeOption = None
     north: NorthOption = None
     timezone: TimezoneOption = None
     output: Annotated[

@@ -12,8 +12,9 @@ from ...base.option_fields import field_values
 from ...cli.options import (
     ColumnOption,
     CrsOption,
-    DegreesOption,
+    LatitudeOption,
     ListedBefore,
+    LongitudeOption,
     MapOption,
     NorthOption,
     SceneArgument,
@@ -57,15 +58,15 @@ class RouteCommand(StudyCommand[RouteOptions, "RouteShade"]):
             help="A file of lines: .gpkg, .geojson, .shp, or the vertices of one line in a .csv file.", metavar="FILE"
         ),
     ]
-    spacing: Annotated[float, typer.Option(help="World units between stations.")]
+    spacing: Annotated[float, typer.Option(help="Distance between stations, in world units.")]
     days: Annotated[
         str,
         typer.Option(help="2026-06-21, 2026-03-21:2026-09-21, year:2026, or a comma-separated list.", metavar="DAYS"),
     ]
     trees: VegetationOption = None
     crs: CrsOption = None
-    latitude: DegreesOption = None
-    longitude: DegreesOption = None
+    latitude: LatitudeOption = None
+    longitude: LongitudeOption = None
     north: NorthOption = None
     timezone: TimezoneOption = None
     output: Annotated[

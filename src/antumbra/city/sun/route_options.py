@@ -20,7 +20,7 @@ class RouteOptions:
     place: Place | None = option(None, optional(place_option))
     """None: that of the scene's CRS."""
     step: float = option(
-        10.0, RealNumber(1.0 / 60.0, 60.0, "[]", "minutes"), "Minutes represented by each sun position."
+        10.0, RealNumber(1.0 / 60.0, 60.0, "[]", "minutes"), "Interval that each sun position represents."
     )
     """Length of an interval in minutes, up to 60."""
     eye_height: float = option(
@@ -46,7 +46,9 @@ class CalendarOptions:
 
     place: Place | None = option(None, optional(place_option))
     """None: that of the scene's CRS."""
-    step: float = option(2.0, RealNumber(1.0 / 60.0, 60.0, "[]", "minutes"), "Minutes between the suns that are tried.")
+    step: float = option(
+        2.0, RealNumber(1.0 / 60.0, 60.0, "[]", "minutes"), "Interval between the suns that are tried."
+    )
     """Minutes between the suns that are tried; shorter gaps of a horizon may be missed. Times are found to a second."""
     sun: str = option("limb", Choice(("limb", "centre")), "The refracted upper limb, or the geometric centre.")
     """"limb": the upper edge of the sun, raised by the refraction of the standard atmosphere, as in almanacs. "centre":

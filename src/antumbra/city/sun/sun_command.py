@@ -16,8 +16,9 @@ from ...cli.options import (
     SENSORS_HELP,
     ColumnOption,
     CrsOption,
-    DegreesOption,
+    LatitudeOption,
     ListedBefore,
+    LongitudeOption,
     MapOption,
     MaxMemoryOption,
     NorthOption,
@@ -108,8 +109,8 @@ class SunCommand(SensorStudy[SunOptions, "Table | TableBlocks"]):
     trees: VegetationOption = None
     before: BeforeOption = False
     crs: Annotated[CrsOption, ListedBefore("energy")] = None
-    latitude: DegreesOption = None
-    longitude: DegreesOption = None
+    latitude: LatitudeOption = None
+    longitude: LongitudeOption = None
     north: NorthOption = None
     timezone: TimezoneOption = None
     output: Annotated[OutputsOption, ListedBefore("plan")] = None

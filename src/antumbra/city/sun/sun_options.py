@@ -125,7 +125,7 @@ class SunKeywords:
     step: float | None = option(
         None,
         optional(lambda value, _: checked_step(value)),
-        "Minutes represented by each sun position.",
+        "Interval that each sun position represents.",
         note="60, or as the rule requires",
         metavar="MINUTES",
     )
@@ -155,7 +155,7 @@ class SunKeywords:
     lowest: float | None = option(
         None,
         RealNumber(0.0, 90.0, "[)", "degrees", optional=True),
-        "Lowest altitude of suns that count, in degrees.",
+        "Lowest altitude of suns that count.",
         note="0, or as the rule requires",
         metavar="DEGREES",
     )
@@ -234,7 +234,9 @@ class SunKeywords:
     decides for DIN 5034-1 and EN 17037, the worst one for BR 209."""
     samples: int = option(1, WholeNumber(1, MOST_SAMPLES), "Sample points on the sun's disk; 1: its centre.")
     """Points on the sun's disk, 1 to 64; 1: its centre."""
-    plan: str | Plan | None = same_option(EngineOptions, "plan", help="Plan; see antumbra plans.", note="auto")
+    plan: str | Plan | None = same_option(
+        EngineOptions, "plan", help="The methods of building and tracing; see antumbra plans.", note="auto"
+    )
     threads: int | None = same_option(EngineOptions, "threads")
 
 

@@ -17,10 +17,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...base.errors import InputError
-from ...cli.scene_arguments import PROCEDURAL as PREFIX
 from ...cli.scene_arguments import open_scene, parse_scene
 from ...engine.scene import AnyScene, procedural
 from ...engine.scene_loading import load
+from ...formats.example_files import PROCEDURAL_PREFIX
 from ...generate.procedural_scenes import PROCEDURAL, load_plugin_scenes
 from ...scene.camera import Camera
 from ...scene.lights import Light, PointLight, QuadLight, tangents
@@ -101,7 +101,7 @@ class BenchmarkScenes(NamedTuple):
         """
         spec = parse_scene(name)
         if spec.path is None:
-            return scene_view(name.removeprefix(PREFIX), open_scene(spec), size)
+            return scene_view(name.removeprefix(PROCEDURAL_PREFIX), open_scene(spec), size)
         frames = real_path(name, "frames.npy") if name in self.moving else Path(name) / "frames.npy"
         if frames and frames.is_file():
             return info_view(frames.parent.resolve().name, frames.parent, size, self.make_light)
