@@ -12,7 +12,7 @@ from antumbra.kernels.jit import Intrinsic
 WIDE = "load broadcast splat iota mask_from_bits"
 ONCE = """store minimum maximum fma absolute flip_sign select bits any_lane all_lanes reduce_min reduce_max reduce_and
     extract store_compressed swap_halves shuffle permute join square_root to_f32 to_f64 to_i32 f32_bits
-    ptr ptr_at load16x3
+    ptr ptr_at load8x3_pair load16x3
     as_i32 as_f32 splat1 gather f32_at f64_at i32_at get put stack_array stack_f32 stack_f64 stack_i32 stack_i64
     prefetch popcount lowest_bit highest_bit product_error widen_loops atomic_add atomic_and atomic_or"""
 

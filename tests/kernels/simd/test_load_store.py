@@ -27,6 +27,7 @@ from antumbra.kernels.simd import (
     i32_at,
     load4,
     load8,
+    load8x3_pair,
     load16,
     load16x3,
     mask_from_bits8,
@@ -374,3 +375,20 @@ def test_interleaved_vectors_and_wider_numbers():
     first, second = a[1:49].reshape(16, 3), b[2:50].reshape(16, 3)
     np.testing.assert_array_equal(out[:48].reshape(3, 16), first.T)
     np.testing.assert_array_equal(out[48:].reshape(3, 16), (second - first).astype(np.float32).T)
+
+
+def test_vectors_of_two_runs():
+    @compiled
+    def columns(a, b, i, j, out):
+        x, y = load8x3_pair(a, i, j), load8x3_pair(b, j, i)
+        for k in range(3):
+            store(out, 16 * k, x[k])
+            store(out, 48 + 16 * k, to_f32(y[k]))
+
+    a = np.arange(100, dtype=np.float32)
+    for i, j in ((3, 70), (41, 65), (75, 1)):
+        out = np.full(96, np.nan, np.float32)
+        columns(a, a.astype(np.float64), i, j, out)
+        first, second = a[i : i + 24].reshape(8, 3), a[j : j + 24].reshape(8, 3)
+        np.testing.assert_array_equal(out[:48].reshape(3, 16), np.concatenate([first, second]).T)
+        np.testing.assert_array_equal(out[48:].reshape(3, 16), np.concatenate([second, first]).T)

@@ -42,10 +42,10 @@ Lanes
     `f32_bits`; `swap_halves`, `shuffle`, `permute`, `join`, `extract`; `reduce_min`, `reduce_max`, `reduce_and`; for
     masks `bits`, `any_lane`, `all_lanes`.
 Memory
-    `load4`, `broadcast4`, `gather`, `store`, `store_compressed`, `get` and `put` work on arrays and pointers, as does
-    `load16x3`, which deinterleaves vectors. `ptr`, `ptr_at`, `as_f32` and `as_i32` make pointers; `f32_at`, `f64_at`
-    and `i32_at` make them from an address. `stack_f32`, `stack_f64`, `stack_i32` and `stack_i64` allocate scratch
-    memory, `stack_array` an array. Also `prefetch`, `atomic_add`, `atomic_and` and `atomic_or`.
+    `load4`, `broadcast4`, `gather`, `store`, `store_compressed`, `get` and `put` work on arrays and pointers, as do
+    `load16x3` and `load8x3_pair`, which deinterleave vectors. `ptr`, `ptr_at`, `as_f32` and `as_i32` make pointers;
+    `f32_at`, `f64_at` and `i32_at` make them from an address. `stack_f32`, `stack_f64`, `stack_i32` and `stack_i64`
+    allocate scratch memory, `stack_array` an array. Also `prefetch`, `atomic_add`, `atomic_and` and `atomic_or`.
 Bits of an int64
     `popcount`, `lowest_bit` (64 for 0) and `highest_bit` (-1 for 0), to iterate over the lanes of ``bits(mask)``.
 Float64
@@ -103,8 +103,8 @@ _HOMES = {
     """,
     "load_store": """
         as_f32 as_i32 atomic_add atomic_and atomic_or broadcast4 broadcast8 broadcast16 f32_at f64_at gather get
-        i32_at load4 load8 load16 load16x3 prefetch ptr ptr_at put stack_array stack_f32 stack_f64 stack_i32 stack_i64
-        store store_compressed
+        i32_at load4 load8 load8x3_pair load16 load16x3 prefetch ptr ptr_at put stack_array stack_f32 stack_f64
+        stack_i32 stack_i64 store store_compressed
     """,
 }
 """Names defined by each module. These modules import Numba, and are not needed for compiled kernels."""
@@ -142,6 +142,7 @@ __all__ = [
     "join",
     "load4",
     "load8",
+    "load8x3_pair",
     "load16",
     "load16x3",
     "lowest_bit",

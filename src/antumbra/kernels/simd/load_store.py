@@ -107,6 +107,40 @@ def load16x3(typingctx, a, i):
 
 
 @intrinsic
+def load8x3_pair(typingctx, a, i, j):
+    """Three vectors of 16 lanes from two runs of 24 elements, which begin at elements i and j of `a`; any alignment.
+
+    Lane l of vector k is element i + 3 l + k for the first eight lanes, and element j + 3 (l - 8) + k for the others.
+    """
+    _check("load8x3_pair", a, i)
+    _check("load8x3_pair", a, j)
+    vector = _vector_of("load8x3_pair", a, 16, types.float64)
+
+    def codegen(context, builder, sig, values):
+        eight = ir.VectorType(context.get_data_type(a.dtype), 8)
+
+        def eight_of(run, n):  # elements 8 n to 8 n + 7 of a run
+            address = _address(context, builder, types.void(a, sig.args[run]), (values[0], values[run]))
+            pointer = builder.bitcast(builder.gep(address, [I64(8 * n)]), eight.as_pointer())
+            return builder.load(pointer, align=4)
+
+        def shuffled(v, w, lanes):  # the lanes of the first run; those of the second are eight further
+            order = ir.Constant(ir.VectorType(I32, 16), [*lanes, *(lane + 8 for lane in lanes)])
+            return builder.shuffle_vector(v, w, order)
+
+        parts = [shuffled(eight_of(1, n), eight_of(2, n), range(8)) for n in range(3)]
+        columns = []
+        for k in range(3):
+            places = [3 * lane + k for lane in range(8)]  # in a run, from which a third shuffle takes those from 16 on
+            first = shuffled(parts[0], parts[1], [place % 8 + 16 * (place // 8 % 2) for place in places])
+            lanes = [lane if place < 16 else 16 + place % 8 for lane, place in enumerate(places)]
+            columns.append(shuffled(first, parts[2], lanes))
+        return context.make_tuple(builder, sig.return_type, columns)
+
+    return types.UniTuple(vector, 3)(a, i, j), codegen
+
+
+@intrinsic
 def gather(typingctx, a, i):
     """Elements of `a` at the i32 indices `i`, one per lane. All lanes are loaded."""
     _check("gather", a)

@@ -37,14 +37,15 @@ from ...kernels.simd import (
     splat8,
     store,
     to_f32,
+    to_f64,
 )
 from ...kernels.transposition import transposed8
 from .row_tiles import RUN, place_of
-from .wide_traversal import BLOCK_WORDS, BLOCKS, DX, LANES, OX, block_of, hits_of, ray_of, slot_of
+from .wide_traversal import BLOCK_WORDS, BLOCKS, DX, LANES, NONE, OX, block_of, hits_of, ray_of, slot_of
 
 CORNER_WORDS = 9 * LANES
 REPORT_WORDS = 4 * LANES
-_UNKNOWN = np.float32(UNKNOWN)
+_UNKNOWN, _INF, _ZERO = np.float32(UNKNOWN), np.float32(np.inf), np.float32(0.0)
 _T, _U, _V, _D = 0, LANES, 2 * LANES, 3 * LANES
 
 
@@ -123,26 +124,45 @@ def _all_hit(hits):
 
 @inlined
 def _list_hit(tree, report, k, i, slot):
-    """Write hit k of a list, that of ray i, and prefetch the corners of its triangle."""
+    """Write hit k of a list, that of ray i, and prefetch the corners of its triangle, and its index."""
     put(report.rays, k, i)
     put(report.slots, k, slot)
     corners = ptr_at(tree.corners, 9 * slot)
     prefetch(corners, 0)
     prefetch(corners, 8)
+    prefetch(tree.prim_ids, slot)
 
 
 @inlined
-def _write_misses(tree, hits, n, report, out, runs):
-    """Write the misses among n rays, and list the rays that hit and their slots. Return their number."""
+def _list_hits(tree, hits, n, report):
+    """List those of n rays that hit, and their slots. Return their number."""
     n_hits = np.int64(0)
-    for i in range(n):
-        slot = slot_of(tree, hits_of(hits, i // LANES), i % LANES)
-        _list_hit(tree, report, n_hits, i, slot)
-        n_hits += slot >= 0
-        if slot < 0 and i % RUN < runs.columns:
-            at = place_of(runs, i)
-            out.face[at], out.t[at], out.u[at], out.v[at] = -1, np.inf, 0.0, 0.0
+    for j in range((n + LANES - 1) // LANES):
+        block = hits_of(hits, j)
+        there = bits(load16(block.lane, 0) != np.int32(NONE))
+        while there:
+            i = lowest_bit(there)
+            there &= there - 1
+            _list_hit(tree, report, n_hits, j * LANES + i, slot_of(tree, block, i))
+            n_hits += 1
     return n_hits
+
+
+@inlined
+def _write_misses(n, out, runs):
+    """Write a miss for each of n rays; hits are written over it, so that no branch depends on them."""
+    if n == BLOCKS * LANES and runs.columns == RUN:
+        for first in range(0, n, RUN):
+            at = place_of(runs, first)
+            store(ptr(out.face), at, splat8(np.int32(-1)))
+            store(ptr(out.t), at, to_f64(splat8(_INF)))
+            store(ptr(out.u), at, splat8(_ZERO))
+            store(ptr(out.v), at, splat8(_ZERO))
+    else:
+        for i in range(n):
+            if i % RUN < runs.columns:
+                at = place_of(runs, i)
+                out.face[at], out.t[at], out.u[at], out.v[at] = -1, np.inf, 0.0, 0.0
 
 
 @inlined
@@ -307,7 +327,8 @@ def write_nearest(tree, rays, hits, n, report, out, runs):
     if n == BLOCKS * LANES and runs.columns == RUN and _all_hit(hits):
         _write_all(tree, rays, hits, report, out, runs)
         return
-    n_hits = _write_misses(tree, hits, n, report, out, runs)
+    n_hits = _list_hits(tree, hits, n, report)
+    _write_misses(n, out, runs)  # while the corners are fetched
     if n_hits == 0:
         return
     pad(report, n_hits)

@@ -27,9 +27,8 @@ from ...kernels.simd import (
     get,
     i32_at,
     iota16,
+    load8x3_pair,
     load16,
-    load16x3,
-    mask_from_bits16,
     maximum,
     popcount,
     prefetch,
@@ -96,17 +95,19 @@ _NEAREST, _ZERO = np.float32(NEAREST), np.float32(0.0)
 @inlined
 def _fill_vectors(operand, first, step, shift, rows, at):
     """`_fill` for contiguous rows of three numbers, as in arrays of vectors."""
-    begin, next_run = operand.address + first * operand.row, 3 * (step - RUN)  # 0 if the runs are consecutive
-    left = mask_from_bits16(np.int64((1 << RUN) - 1))
+    begin, next_run = operand.address + first * operand.row, 3 * step
     if operand.double:
-        columns, others = load16x3(f64_at(begin), 0), load16x3(f64_at(begin), next_run)
+        columns = load8x3_pair(f64_at(begin), 0, next_run)
         for k in range(3):
-            store(rows, at + LANES * k, select(left, to_f32(columns[k] - shift[k]), to_f32(others[k] - shift[k])))
+            store(rows, at + LANES * k, to_f32(columns[k] - shift[k]))
     else:
-        columns, others = load16x3(f32_at(begin), 0), load16x3(f32_at(begin), next_run)
+        columns = load8x3_pair(f32_at(begin), 0, next_run)
         for k in range(3):
-            column = select(left, columns[k], others[k])
-            store(rows, at + LANES * k, column if shift[k] == 0.0 else to_f32(to_f64(column) - shift[k]))
+            single = np.float32(shift[k])
+            if single == shift[k]:  # float32 rounds the difference in the same way, without conversions
+                store(rows, at + LANES * k, columns[k] - single)
+            else:
+                store(rows, at + LANES * k, to_f32(to_f64(columns[k]) - shift[k]))
 
 
 @inlined

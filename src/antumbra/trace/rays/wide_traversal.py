@@ -21,6 +21,7 @@ from ...kernels.exact.predicate import Ray, ray_along
 from ...kernels.jit import F32Ptr, F32x8, F64Ptr, I32Ptr, inlined, kernel
 from ...kernels.simd import (
     absolute,
+    all_lanes,
     broadcast8,
     f32_bits,
     fma,
@@ -30,6 +31,7 @@ from ...kernels.simd import (
     load16,
     lowest_bit,
     mask_from_bits8,
+    mask_from_bits16,
     maximum,
     minimum,
     prefetch,
@@ -161,13 +163,9 @@ def plane_offsets(o, d, tree_reach, along, turn, fits):
 
 
 @inlined
-def prepare(block, tree_reach):
-    """Fill the rows from INVERSE on. Rays too long, too short or too far away for float32 enter every box."""
-    ox, oy, oz = load16(block, OX), load16(block, OY), load16(block, OZ)
-    dx, dy, dz = load16(block, DX), load16(block, DY), load16(block, DZ)
-    largest = maximum(maximum(absolute(dx), absolute(dy)), absolute(dz))
-    reach = maximum(maximum(maximum(absolute(ox), absolute(oy)), absolute(oz)), splat16(largest_of(tree_reach)))
-    tame, fits = triangles_fit(largest, reach), boxes_fit(largest, reach)
+def _put_prepared(block, tree_reach, largest, reach, fit):
+    """`prepare` where `fit` are the masks of the rays whose triangle tests, and whose box tests, suit float32."""
+    tame, fits = fit
     along, turn = raised_to(largest, reach)
     for k in range(3):
         o, d = load16(block, OX + LANES * k), load16(block, DX + LANES * k)
@@ -175,9 +173,26 @@ def prepare(block, tree_reach):
         store(block, INVERSE + LANES * k, inverse)
         store(block, NEAR + LANES * k, near)
         store(block, FAR + LANES * k, far)
+    dx, dy, dz = load16(block, DX), load16(block, DY), load16(block, DZ)
     unit, floor = error_unit(tame, dx, dy, dz, reach)
     store(block, UNIT, unit)
     store(block, FLOOR, floor)
+
+
+@inlined
+def prepare(block, tree_reach):
+    """Fill the rows from INVERSE on. Rays too long, too short or too far away for float32 enter every box."""
+    ox, oy, oz = load16(block, OX), load16(block, OY), load16(block, OZ)
+    dx, dy, dz = load16(block, DX), load16(block, DY), load16(block, DZ)
+    largest = maximum(maximum(absolute(dx), absolute(dy)), absolute(dz))
+    reach = maximum(maximum(maximum(absolute(ox), absolute(oy)), absolute(oz)), splat16(largest_of(tree_reach)))
+    common = (largest > SMALL) & (largest < LARGE) & (reach > SMALL) & (reach < LARGE)
+    if all_lanes(common):  # which implies the other conditions, and selects nothing
+        everywhere = mask_from_bits16(np.int64(-1))
+        _put_prepared(block, tree_reach, largest, reach, (everywhere, everywhere))
+    else:
+        fit = triangles_fit(largest, reach), boxes_fit(largest, reach)
+        _put_prepared(block, tree_reach, largest, reach, fit)
     store(block, LIMIT, load16(block, TMAX))
     store(block, LOWER, splat16(_INF))
 
@@ -351,6 +366,7 @@ def keep_lanes(tree, rays, i, first, lanes, bounds, any_hit, hits):
             continue
         if high < lower:
             put(hits.lane, i, first + k)
+            prefetch(ptr_at(tree.slots, first + k), 0)  # it is read when the traversal has ended
         else:
             unsure |= np.int64(1) << k
         put(rows, LOWER + i, low if low < lower else lower)
