@@ -371,9 +371,8 @@ def refit_wide(refit: WideRefit, vertices: MovedVertices, threads: int, pool: Ar
     nodes, groups = pool.empty(wide.nodes.shape, np.float32), pool.empty((len(wide.slots), GROUP_WORDS), np.float32)
     lines, corners = pool.empty(wide.bvh.nodes.shape, np.float32), pool.empty((n + WIDTH, 9), np.float32)[:n]
     bvh = Bvh(lines, lines.view(np.int32), wide.bvh.prim_ids, corners)
-    new, areas, faults = (
-        WideBvh(nodes, nodes.view(np.int32), groups, wide.slots, wide.reach, bvh), np.zeros(s + 1), np.zeros(1, np.bool_)
-    )  # fmt: skip
+    new = WideBvh(nodes, nodes.view(np.int32), groups, wide.slots, wide.reach, bvh)
+    areas, faults = np.zeros(s + 1), np.zeros(1, np.bool_)
     moved = _Moved(vertices, new, np.empty((s, 8), np.float32), areas, faults)
     scratch = lambda: (aligned_empty((2 * refit.room, 8), "f4"),)  # a part has fewer nodes than groups
     run_short(_refit_parts, threads, new_ticket(s, 1), refit, moved, own=scratch)

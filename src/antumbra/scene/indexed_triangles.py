@@ -1,7 +1,7 @@
-"""Triangles by indexed vertices: their corners are gathered, and those without area found, only when something asks.
+"""Triangles by indexed vertices: their corners are gathered, and those without area found, when they are first read.
 
-A tree of ray lists is refitted from the vertices and faces themselves, so that a scene whose vertices move between ray
-lists neither writes nor reads the corners of its faces in their own order.
+The tree of ray lists is refitted from the vertices and faces themselves, so a scene that moves between ray lists never
+writes the corners in the order of its faces.
 """
 
 from typing import NamedTuple
@@ -23,7 +23,7 @@ class IndexedVertices(NamedTuple):
 
 
 def padded_rows(n: int, pool: ArrayPool) -> NDArray[np.float32]:
-    """(n, 3) float32, uninitialised, in recycled memory. Four numbers can be loaded from each row, the last included."""
+    """(n, 3) float32, uninitialised, in recycled memory. The memory of one more number follows the last row."""
     rows: NDArray[np.float32] = pool.empty((3 * n + 1,), np.float32)[:-1].reshape(n, 3)
     return rows
 
