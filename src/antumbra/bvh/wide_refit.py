@@ -318,9 +318,13 @@ def _refit_nodes(part, refit, moved, boxes):
             _box_of_lane(boxes, places, 4), _box_of_lane(boxes, places, 5),
             _box_of_lane(boxes, places, 6), _box_of_lane(boxes, places, 7),
         )  # fmt: skip
-        planes, is_child = (x0, -x1, y0, -y1, z0, -z1), load8(links, at + LINKS) != NO_CHILD
-        for k in range(6):
-            store(words, at + WIDTH * k, select(is_child, planes[k], NOWHERE if k % 2 == 0 else -NOWHERE))
+        is_child = load8(links, at + LINKS) != NO_CHILD
+        store(words, at, select(is_child, x0, NOWHERE))
+        store(words, at + WIDTH, select(is_child, -x1, -NOWHERE))
+        store(words, at + 2 * WIDTH, select(is_child, y0, NOWHERE))
+        store(words, at + 3 * WIDTH, select(is_child, -y1, -NOWHERE))
+        store(words, at + 4 * WIDTH, select(is_child, z0, NOWHERE))
+        store(words, at + 5 * WIDTH, select(is_child, -z1, -NOWHERE))
         store(words, at + LINKS, load16(old, at + LINKS))
         areas = areas + child_areas(words, at)
     return areas
