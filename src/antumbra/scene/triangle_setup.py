@@ -97,11 +97,8 @@ class FacesOfCopies(NamedTuple):
 
     positions: int  # of (copies * n_vertices, 3) float32
     n_vertices: int
-    indices: int  # of (n_faces, 3) int32; 0: none, because the corners of all faces are in place
+    indices: int  # of (n_faces, 3) int32
     n_faces: int
-
-
-_IN_PLACE = FacesOfCopies(0, 0, 0, 0)
 
 
 @inlined
@@ -308,14 +305,22 @@ def _find_in_rows(v, first, last, ninth, has_areas):
 
 
 @kernel
-def _find_areas(ticket, faces, corners, has_areas, faults):
-    """Worker: gather the corners of faces unless they are in place, and find areas while they are in the cache."""
-    # In: faces, `FacesOfCopies`, padded. Out: corners, (n, 9) float32
+def _find_areas(ticket, corners, has_areas, faults):
+    """Worker: whether each triangle has nonzero area."""
     # In and out: has_areas, (n,) bool, all set; faults, (1,) bool, set if a triangle has none
     v, ninth = ptr(corners), stack_f32(8)
     for first, last in shares(ticket):
-        if faces.indices != 0:
-            _gather_rows(faces, first, last, v, True)
+        if not _find_in_rows(v, first, last, ninth, has_areas):
+            faults[0] = True
+
+
+@kernel
+def _gather_and_find(ticket, faces, corners, has_areas, faults):
+    """Worker: gather the corners of faces, and find their areas while they are in the cache."""
+    # In: faces, `FacesOfCopies`, padded. Out: corners, (n, 9) float32. In and out: as in `_find_areas`
+    v, ninth = ptr(corners), stack_f32(8)
+    for first, last in shares(ticket):
+        _gather_rows(faces, first, last, v, True)
         if not _find_in_rows(v, first, last, ninth, has_areas):
             faults[0] = True
 
@@ -325,13 +330,8 @@ def rows_with_area(vertices: NDArray[np.float32], threads: int) -> NDArray[np.in
 
     vertices : (n, 3, 3) float32
     """
-    return _rows_of(_IN_PLACE, vertices, threads)
-
-
-def _rows_of(faces: FacesOfCopies, out: NDArray[np.float32], threads: int) -> NDArray[np.int32] | None:
-    """`rows_with_area` of faces, whose corners are written to `out`, (n, 3, 3) float32."""
-    has_areas, faults = np.ones(len(out), np.bool_), np.zeros(1, np.bool_)
-    run(_find_areas, threads, new_ticket(len(out), _IN_CACHE), faces, out.reshape(-1, 9), has_areas, faults)
+    has_areas, faults = np.ones(len(vertices), np.bool_), np.zeros(1, np.bool_)
+    run(_find_areas, threads, new_ticket(len(vertices), _AT_A_TIME), vertices.reshape(-1, 9), has_areas, faults)
     return np.flatnonzero(has_areas).astype(np.int32) if faults[0] else None
 
 
@@ -343,7 +343,10 @@ def gather_faces(
     positions : (v, 3) float32; the memory of one more number follows
     faces : (n, 3) int32
     """
-    return _rows_of(FacesOfCopies(positions.ctypes.data, 0, faces.ctypes.data, len(faces)), out, threads)
+    of_copies = FacesOfCopies(positions.ctypes.data, 0, faces.ctypes.data, len(faces))
+    has_areas, faults, ticket = np.ones(len(out), np.bool_), np.zeros(1, np.bool_), new_ticket(len(out), _IN_CACHE)
+    run(_gather_and_find, threads, ticket, of_copies, out.reshape(-1, 9), has_areas, faults)
+    return np.flatnonzero(has_areas).astype(np.int32) if faults[0] else None
 
 
 # --- Bounds -----------------------------------------------------------------------------------------------------------
