@@ -32,7 +32,7 @@ THROUGH = {
         kernels/ticket_loops
     """,
     "frames, points and rays of an engine": """
-        engine/sources/paged_hits engine/sources/point_shadows engine/refitted_rays engine/visibility
+        engine/sources/paged_hits engine/sources/point_shadows engine/visibility
         engine/joined_store_tree lab/culling_picture
     """,
     "files and arrays that load, from_raster, from_footprints and from_trees read": """

@@ -1,4 +1,4 @@
-"""Named tuples whose fields are copied from a device when the host first reads them."""
+"""Named tuples with fields that are computed, or copied from a device, when the host first reads them."""
 
 from collections.abc import Iterator
 from typing import Any, ClassVar

@@ -29,7 +29,9 @@ from ..kernels.simd import (
     splat8,
     stack_array,
     stack_f32,
+    stack_f64,
     store,
+    to_f64,
 )
 from ..kernels.transposition import transposed8
 from .child_order import WideParts, order_wide_children, triangle_area
@@ -62,7 +64,7 @@ _SUBTREES = 128  # threads share this many subtrees, or more, of unequal sizes
 _PER_THREAD = 16384  # triangles: with fewer, waking a thread takes longer than its work
 _SUMMED = 1024  # nodes whose areas a thread sums at a time
 _INF = np.float32(np.inf)
-_NOWHERE = np.float32(3e38)  # lower planes of a missing child's box; its upper planes are the negative
+NOWHERE = np.float32(3e38)  # lower planes of a missing child's box; its upper planes are the negative
 
 
 @inlined
@@ -196,8 +198,8 @@ def _write_node(bvh, prices, node, number, next_node, next_group, out):
     source, links, at = ptr(bvh.nodes), ptr(out.links), number * NODE_WORDS
     words, slots = ptr(out.nodes), ptr(out.slots)
     for axis in range(3):
-        store(words, at + 16 * axis, splat8(_NOWHERE))
-        store(words, at + 16 * axis + 8, splat8(-_NOWHERE))
+        store(words, at + 16 * axis, splat8(NOWHERE))
+        store(words, at + 16 * axis + 8, splat8(-NOWHERE))
     store(links, at + LINKS, splat8(NO_CHILD))
     store(links, at + BINARY, splat8(np.int32(0)))
     lane = 0
@@ -406,22 +408,38 @@ def widen(bvh: Bvh, threads: int | None = None) -> WideBvh:
     return WideBvh(nodes, links, groups, slots, reach_of_root(nodes), bvh)
 
 
+@inlined
+def child_areas(nodes, at):
+    """Half the areas of the boxes of the children of the node at word `at`, one per lane, as float64; 0 for none."""
+    lower, upper = load8(nodes, at), load8(nodes, at + WIDTH)
+    is_child, zero = lower <= upper, np.float32(0.0)
+    x = to_f64(select(is_child, upper, zero)) - to_f64(select(is_child, lower, zero))
+    lower, upper = load8(nodes, at + 2 * WIDTH), load8(nodes, at + 3 * WIDTH)
+    y = to_f64(select(is_child, upper, zero)) - to_f64(select(is_child, lower, zero))
+    lower, upper = load8(nodes, at + 4 * WIDTH), load8(nodes, at + 5 * WIDTH)
+    z = to_f64(select(is_child, upper, zero)) - to_f64(select(is_child, lower, zero))
+    return x * y + y * z + z * x
+
+
+@inlined
+def sum_of_lanes(areas, scratch):
+    """The sum of eight float64; scratch: float64 *."""
+    store(scratch, 0, areas)
+    total = 0.0
+    for lane in range(WIDTH):
+        total += get(scratch, lane)
+    return total
+
+
 @kernel
 def _sum_areas(ticket, nodes, sums):
-    """Worker: sum half the areas of the boxes of children, per share of the nodes."""
-    links, planes = nodes.view(np.int32), ptr(nodes)
+    """Worker: sum `child_areas`, per share of the nodes."""
+    words, scratch = ptr(nodes), stack_f64(WIDTH)
     for first, last in shares(ticket):
-        total = 0.0
+        total = to_f64(splat8(np.float32(0.0)))
         for node in range(first, last):
-            lane = 0
-            while lane < WIDTH and links[node, LINKS + lane] != NO_CHILD:
-                at = node * NODE_WORDS + lane
-                x = np.float64(get(planes, at + WIDTH)) - get(planes, at)
-                y = np.float64(get(planes, at + 3 * WIDTH)) - get(planes, at + 2 * WIDTH)
-                z = np.float64(get(planes, at + 5 * WIDTH)) - get(planes, at + 4 * WIDTH)
-                total += x * y + y * z + z * x
-                lane += 1
-        sums[first // ticket[CHUNK]] = total
+            total = total + child_areas(words, node * NODE_WORDS)
+        sums[first // ticket[CHUNK]] = sum_of_lanes(total, scratch)
 
 
 def wide_cost(wide: WideBvh, threads: int) -> float:
@@ -431,13 +449,18 @@ def wide_cost(wide: WideBvh, threads: int) -> float:
     """
     sums = np.zeros(-(-len(wide.nodes) // _SUMMED))
     run(_sum_areas, threads, new_ticket(len(wide.nodes), _SUMMED), wide.nodes, sums)
-    planes = wide.nodes[0, :LINKS].reshape(3, 2, WIDTH).astype(np.float64)
+    return cost_of_areas(wide.nodes, float(sums.sum()))
+
+
+def cost_of_areas(nodes: NDArray[np.float32], areas: float) -> float:
+    """`wide_cost` of nodes whose `child_areas` have this sum."""
+    planes = nodes[0, :LINKS].reshape(3, 2, WIDTH).astype(np.float64)
     planes = planes[:, :, planes[0, 0] <= planes[0, 1]]
     if planes.size == 0:
         return 1.0
     x, y, z = planes[:, 1].max(1) - planes[:, 0].min(1)
     area = x * y + y * z + z * x
-    return 1.0 + float(sums.sum() / area) if area > 0.0 else 1.0
+    return 1.0 + float(areas / area) if area > 0.0 else 1.0
 
 
 def reach_of(boxes: NDArray[np.float32]) -> Reach:

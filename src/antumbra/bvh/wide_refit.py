@@ -1,8 +1,9 @@
 """Refit a wide BVH to moved triangles.
 
 A refitted wide BVH has a smaller binary BVH than it was made from: each group is a leaf. All boxes follow from those of
-the groups, whose triangles are bounded eight at a time. Each child of a wide node has the box of a child of a binary
-one, which is copied. Threads refit one small part of both trees at a time, which stays in the cache.
+the groups, whose triangles are gathered from indexed vertices and bounded eight at a time. The same pass finds whether
+all triangles still have an area. Each child of a wide node has the box of a child of a binary one, which is copied.
+Threads refit one small part of both trees at a time, which stays in the cache.
 """
 
 from typing import NamedTuple
@@ -11,24 +12,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..kernels.array_pool import ArrayPool
+from ..kernels.exact.filters import has_area
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import items, new_ticket, run_short
 from ..kernels.simd import (
+    bits,
     get,
+    join,
+    load4,
     load8,
     load16,
+    lowest_bit,
     minimum,
     prefetch,
     ptr,
     ptr_at,
     put,
-    reduce_max,
-    reduce_min,
+    select,
+    splat8,
     stack_array,
-    stack_f32,
+    stack_f64,
     store,
+    to_f64,
 )
-from ..kernels.transposition import transposed8
+from ..kernels.transposition import transposed4, transposed8
+from ..scene.triangle_setup import surely_have_area, write_corners
 from .nodes import (
     BINARY,
     GROUP_WORDS,
@@ -53,24 +61,37 @@ from .nodes import (
 from .refit import write_top
 from .tree_layout import TreeFrontier, cut_tree
 from .triangle_bounds import write_boxes
-from .wide_bvh import fill_node, group_box, reach_of_root, write_group
+from .wide_bvh import (
+    NOWHERE,
+    child_areas,
+    cost_of_areas,
+    fill_node,
+    group_box,
+    reach_of_root,
+    sum_of_lanes,
+    write_group,
+)
 
 # --- What refits of a tree have in common -----------------------------------------------------------------------------
 
 
 _PART = 512  # maximum nodes of the binary BVH in a part, so that both trees of a part fit in an L2 cache
 _STACK_SIZE = MAX_DEPTH + 2
-_BOXES = 8 * _STACK_SIZE
 _AHEAD = 32  # prefetch distance in slots
 
 
 class WideRefit(NamedTuple):
-    """A wide BVH to be refitted, and its parts. Where a child of a binary node is no group, its group is -1."""
+    """A wide BVH to be refitted, and its parts.
+
+    The boxes of a part are in *places*: those of its groups first, those of its binary nodes from `room` on.
+    """
 
     wide: WideBvh  # without triangles and boxes; groups in the order of slots are the leaves of its binary BVH
-    groups: NDArray[np.int32]  # (m, 2) int32: the group of each child of a binary node
     cut: TreeFrontier  # of the binary BVH, into s parts
     group_ranges: NDArray[np.int64]  # (s, 2) int64: first group of each part, and end
+    room: int  # places for groups
+    places: NDArray[np.int32]  # (m, 2) int32: of the children of each binary node
+    lane_places: NDArray[np.int32]  # (n_nodes, 8) int32: of the children of each wide node, if all are in one part
     nodes: NDArray[np.int32]  # (n_nodes,) int32: wide nodes by part; at the end those with boxes of several parts
     starts: NDArray[np.int64]  # (s + 2,) int64: where each part begins in `nodes`; their ends
 
@@ -134,17 +155,23 @@ def wide_refit(wide: WideBvh) -> WideRefit:
     """Prepare refits of a wide BVH of two triangles or more."""
     wide, groups = _with_group_leaves(wide)
     cut = cut_tree(wide.bvh, largest=_PART)
-    s = len(cut.parts)
+    s, ranges = len(cut.parts), _group_ranges(cut, wide)
     part_of = np.full(len(wide.bvh.nodes), s, np.int32)
     for number, (root, end, _) in enumerate(cut.parts.tolist()):
         part_of[max(root, 0) : end if root >= 0 else 0] = number
-    part = part_of[wide.links[:, BINARY:] >> 1]
+    binary = wide.links[:, BINARY:]
+    part = part_of[binary >> 1]
     is_child = wide.links[:, LINKS:BINARY] != NO_CHILD
     lowest, highest = np.where(is_child, part, s).min(1), np.where(is_child, part, -1).max(1)
     of_nodes = np.where(lowest == highest, lowest, s)
     starts = np.concatenate([[0], np.cumsum(np.bincount(of_nodes, minlength=s + 1))])
     order = np.argsort(of_nodes, kind="stable").astype(np.int32)
-    return WideRefit(wide, groups, cut, _group_ranges(cut, wide), order, starts)
+    room = int((ranges[:, 1] - ranges[:, 0]).max())
+    firsts, roots = np.append(ranges[:, 0], 0)[part_of], np.append(cut.parts[:, 0], 0)[part_of]
+    inner = room + wide.bvh.links[:, LINK : LINK + 2] - roots[:, None]
+    places = np.where(groups >= 0, groups - firsts[:, None], inner).astype(np.int32)
+    lane_places = np.where(is_child & (of_nodes < s)[:, None], places.reshape(-1)[binary], 0)
+    return WideRefit(wide, cut, ranges, room, places, lane_places, order, starts)
 
 
 def _group_ranges(cut: TreeFrontier, wide: WideBvh) -> NDArray[np.int64]:
@@ -162,91 +189,170 @@ def _group_ranges(cut: TreeFrontier, wide: WideBvh) -> NDArray[np.int64]:
 # --- Refits -----------------------------------------------------------------------------------------------------------
 
 
+def vertices_of_slots(wide: WideBvh, faces: NDArray[np.int32] | None) -> NDArray[np.int32]:
+    """(slots + WIDTH + _AHEAD, 3) int32: the vertices of the triangle in each slot, and of any behind the last one.
+
+    faces : (n, 3) int32, vertices of each face; None: 0, 1, 2; 3, 4, 5; and so on
+    """
+    ids = np.append(wide.bvh.prim_ids, np.full(WIDTH + _AHEAD, wide.bvh.prim_ids[-1]))
+    return 3 * ids[:, None] + np.arange(3, dtype=np.int32) if faces is None else faces[ids]
+
+
+class MovedVertices(NamedTuple):
+    """Vertices of the triangles in slots."""
+
+    positions: NDArray[np.float32]  # (v, 3) float32; the memory of one more number follows
+    of_slots: NDArray[np.int32]  # see `vertices_of_slots`
+
+
 class _Moved(NamedTuple):
-    """Where triangles have moved, and the boxes of groups and parts."""
+    """Where triangles have moved, and what is found of them."""
 
-    vertices: NDArray[np.float32]  # (n, 9) float32
-    wide: WideBvh  # output
-    boxes: NDArray[np.float32]  # (n_groups, 8) float32, output
+    vertices: MovedVertices
+    wide: WideBvh  # output, with room for WIDTH more corners
     part_boxes: NDArray[np.float32]  # (s, 8) float32, output
+    areas: NDArray[np.float64]  # (s + 1,) float64, output: sums of `child_areas`, of wide nodes by part
+    faults: NDArray[np.bool_]  # (1,) bool, set if a triangle has no area
+
+
+class RefittedTree(NamedTuple):
+    """A refitted tree, and what the pass has found."""
+
+    wide: WideBvh
+    cost: float  # `wide_cost`, but for rounding
+    all_have_area: bool  # whether all triangles have an area
 
 
 @inlined
-def _copy_corners(slot, moved, last, lane):
-    """Copy the corners of the triangle in a slot. Return their first eight numbers, and store the last to a lane."""
-    ids, vertices, corners = ptr(moved.wide.bvh.prim_ids), ptr(moved.vertices), ptr(moved.wide.bvh.corners)
-    end = len(moved.wide.bvh.prim_ids) - 1
-    slot = min(slot, end)
-    ahead, row = get(ids, min(slot + _AHEAD, end)) * 9, get(ids, slot) * 9
-    prefetch(vertices, ahead)
-    prefetch(vertices, ahead + 8)
-    numbers, number = load8(vertices, row), get(vertices, row + 8)
-    store(corners, slot * 9, numbers)
-    put(corners, slot * 9 + 8, number)
-    put(last, lane, number)
-    return numbers
+def _corner_of_two(positions, ids, lane, corner):
+    """One corner of the triangles in a lane and the fourth after it."""
+    first, second = get(ids, 3 * lane + corner), get(ids, 3 * (lane + 4) + corner)
+    return join(load4(positions, 3 * np.int64(first)), load4(positions, 3 * np.int64(second)))
 
 
 @inlined
-def _move_group(group, moved, last):
-    """Copy the corners of a group, write its rows, and its box; `last`: scratch memory.
+def _corner_of_eight(positions, ids, corner):
+    """(x, y, z) of one corner of eight triangles, per lane."""
+    return transposed4(
+        _corner_of_two(positions, ids, 0, corner), _corner_of_two(positions, ids, 1, corner),
+        _corner_of_two(positions, ids, 2, corner), _corner_of_two(positions, ids, 3, corner),
+    )[:3]  # fmt: skip
+
+
+@inlined
+def _find_areas(v0, v1, v2, used, corners, faults):
+    """Set `faults` if the triangle in a `used` lane (mask) has no area; corners: float32 *, those of the first one."""
+    unsure = ~bits(surely_have_area(v0, v1, v2)) & bits(used)
+    while unsure != 0:
+        if not has_area(corners, lowest_bit(unsure)):
+            faults[0] = True
+        unsure &= unsure - 1
+
+
+@inlined
+def _box_of_lanes(lower, upper):
+    """The box of the boxes in eight lanes; lower, upper: their corners."""
+    zero = splat8(np.float32(0.0))
+    a, b, c, d, e, f, g, h = transposed8(
+        lower[0], lower[1], lower[2], zero, -upper[0], -upper[1], -upper[2], zero
+    )  # fmt: skip
+    return minimum(minimum(minimum(a, b), minimum(c, d)), minimum(minimum(e, f), minimum(g, h)))
+
+
+@inlined
+def _move_group(group, moved):
+    """Copy the corners of a group, write its rows, and find triangles without area. Return the box of the group.
 
     Whatever its number of triangles, eight slots are copied, which takes no longer than an unpredictable branch. Other
     threads may copy the same corners to the slots of the next group.
     """
-    slots, boxes = ptr_at(ptr(moved.wide.slots), group * WIDTH), ptr_at(ptr(moved.boxes), group * 8)
+    slots, positions = ptr_at(ptr(moved.wide.slots), group * WIDTH), ptr(moved.vertices.positions)
     first = np.int64(get(slots, 0))
-    columns = transposed8(
-        _copy_corners(first, moved, last, 0), _copy_corners(first + 1, moved, last, 1),
-        _copy_corners(first + 2, moved, last, 2), _copy_corners(first + 3, moved, last, 3),
-        _copy_corners(first + 4, moved, last, 4), _copy_corners(first + 5, moved, last, 5),
-        _copy_corners(first + 6, moved, last, 6), _copy_corners(first + 7, moved, last, 7),
+    ids, corners = ptr_at(ptr(moved.vertices.of_slots), 3 * first), ptr_at(ptr(moved.wide.bvh.corners), 9 * first)
+    for lane in range(WIDTH):
+        prefetch(positions, 3 * np.int64(get(ids, 3 * (lane + _AHEAD))))
+        a, b, c = np.int64(get(ids, 3 * lane)), np.int64(get(ids, 3 * lane + 1)), np.int64(get(ids, 3 * lane + 2))
+        write_corners(positions, a, b, c, ptr_at(corners, 9 * lane))
+    v0, v1, v2 = (
+        _corner_of_eight(positions, ids, 0), _corner_of_eight(positions, ids, 1), _corner_of_eight(positions, ids, 2)
     )  # fmt: skip
-    z2, used = load8(last, 0), load8(slots, 0) >= np.int32(0)
-    write_group(columns, z2, used, ptr_at(ptr(moved.wide.groups), group * GROUP_WORDS))
-    lower, upper = group_box(columns, z2, used)
-    put(boxes, 0, reduce_min(lower[0]))
-    put(boxes, 1, reduce_min(lower[1]))
-    put(boxes, 2, reduce_min(lower[2]))
-    put(boxes, 3, np.float32(0.0))
-    put(boxes, 4, -reduce_max(upper[0]))
-    put(boxes, 5, -reduce_max(upper[1]))
-    put(boxes, 6, -reduce_max(upper[2]))
-    put(boxes, 7, np.float32(0.0))
+    columns, used = (v0[0], v0[1], v0[2], v1[0], v1[1], v1[2], v2[0], v2[1]), load8(slots, 0) >= np.int32(0)
+    write_group(columns, v2[2], used, ptr_at(ptr(moved.wide.groups), group * GROUP_WORDS))
+    _find_areas(v0, v1, v2, used, corners, moved.faults)
+    lower, upper = group_box(columns, v2[2], used)
+    return _box_of_lanes(lower, upper)
 
 
 @inlined
-def _refit_binary(root, end, refit, moved):
-    """Refit the binary nodes `end` - 1 down to `root`, and return the box of the root."""
-    stack, height, boxes = stack_f32(_BOXES), 0, ptr(moved.boxes)
-    groups, links = ptr(refit.groups), ptr(refit.wide.bvh.links)
+def _refit_binary(root, end, refit, moved, boxes):
+    """Refit the binary nodes `end` - 1 down to `root`, and return the box of the root; boxes: float32 *, by place."""
+    places, links = ptr(refit.places), ptr(refit.wide.bvh.links)
     nodes, new_links = ptr(moved.wide.bvh.nodes), ptr(moved.wide.bvh.links)
     for node in range(end - 1, root - 1, -1):
-        left, right = np.int64(get(groups, 2 * node)), np.int64(get(groups, 2 * node + 1))
-        if left < 0:
-            height -= 1
-            left_box = load8(stack, height * 8)
-        else:
-            left_box = load8(boxes, left * 8)
-        if right < 0:
-            height -= 1
-            right_box = load8(stack, height * 8)
-        else:
-            right_box = load8(boxes, right * 8)
-        write_boxes(nodes, node, left_box, right_box)
+        left = load8(boxes, np.int64(get(places, 2 * node)) * 8)
+        right = load8(boxes, np.int64(get(places, 2 * node + 1)) * 8)
+        write_boxes(nodes, node, left, right)
         put(new_links, link_at(node, 0), get(links, link_at(node, 0)))
         put(new_links, link_at(node, 1), get(links, link_at(node, 1)))
         put(new_links, order_at(node), get(links, order_at(node)))
-        store(stack, height * 8, minimum(left_box, right_box))
-        height += 1
-    return load8(stack, 0)
+        store(boxes, (refit.room + node - root) * 8, minimum(left, right))
+    return load8(boxes, refit.room * 8)
 
 
 @inlined
-def _refit_nodes(part, refit, moved):
-    """Copy the wide nodes of a part, with boxes of the refitted binary BVH."""
+def _box_of_lane(boxes, places, lane):
+    return load8(boxes, np.int64(get(places, lane)) * 8)
+
+
+@inlined
+def _refit_nodes(part, refit, moved, boxes):
+    """Write the wide nodes of a part; boxes: float32 *, by place. Return the sum of their `child_areas`, per lane."""
+    old, links, words = ptr(refit.wide.nodes), ptr(refit.wide.links), ptr(moved.wide.nodes)
+    areas = to_f64(splat8(np.float32(0.0)))
+    for i in range(refit.starts[part], refit.starts[part + 1]):
+        node = np.int64(refit.nodes[i])
+        at, places = node * NODE_WORDS, ptr_at(ptr(refit.lane_places), node * WIDTH)
+        x0, y0, z0, _, x1, y1, z1, _ = transposed8(
+            _box_of_lane(boxes, places, 0), _box_of_lane(boxes, places, 1),
+            _box_of_lane(boxes, places, 2), _box_of_lane(boxes, places, 3),
+            _box_of_lane(boxes, places, 4), _box_of_lane(boxes, places, 5),
+            _box_of_lane(boxes, places, 6), _box_of_lane(boxes, places, 7),
+        )  # fmt: skip
+        is_child = load8(links, at + LINKS) != NO_CHILD
+        store(words, at, select(is_child, x0, NOWHERE))
+        store(words, at + WIDTH, select(is_child, -x1, -NOWHERE))
+        store(words, at + 2 * WIDTH, select(is_child, y0, NOWHERE))
+        store(words, at + 3 * WIDTH, select(is_child, -y1, -NOWHERE))
+        store(words, at + 4 * WIDTH, select(is_child, z0, NOWHERE))
+        store(words, at + 5 * WIDTH, select(is_child, -z1, -NOWHERE))
+        store(words, at + LINKS, load16(old, at + LINKS))
+        areas = areas + child_areas(words, at)
+    return areas
+
+
+@kernel
+def _refit_parts(ticket, refit, moved, scratch):
+    """Worker: refit each part of both trees."""
+    # In: refit, a `WideRefit`; moved, a `_Moved`; scratch, (places, 8) float32
+    boxes, lanes = ptr(scratch), stack_f64(WIDTH)
+    for p in items(ticket):
+        root, end, _ = refit.cut.parts[p]
+        first = refit.group_ranges[p, 0]
+        for group in range(first, refit.group_ranges[p, 1]):
+            store(boxes, (group - first) * 8, _move_group(group, moved))
+        if root < 0:
+            store(moved.part_boxes, p * 8, load8(boxes, 0))
+            continue
+        store(moved.part_boxes, p * 8, _refit_binary(root, end, refit, moved, boxes))
+        moved.areas[p] = sum_of_lanes(_refit_nodes(p, refit, moved, boxes), lanes)
+
+
+@kernel
+def _refit_rest(part, refit, moved):
+    """Write the wide nodes that have boxes of several parts; `part`: their place in `WideRefit.starts`."""
+    # In: refit, a `WideRefit`; moved, a `_Moved`
     source, old, links = ptr(moved.wide.bvh.nodes), ptr(refit.wide.nodes), ptr(refit.wide.links)
-    words = ptr(moved.wide.nodes)
+    words, areas = ptr(moved.wide.nodes), to_f64(splat8(np.float32(0.0)))
     for i in range(refit.starts[part], refit.starts[part + 1]):
         at = np.int64(refit.nodes[i]) * NODE_WORDS
         for word in range(0, NODE_WORDS, 16):
@@ -255,46 +361,26 @@ def _refit_nodes(part, refit, moved):
         while lane < WIDTH and get(links, at + LINKS + lane) != NO_CHILD:
             fill_node(source, np.int64(get(links, at + BINARY + lane)), lane, words, at)
             lane += 1
+        areas = areas + child_areas(words, at)
+    moved.areas[part] = sum_of_lanes(areas, stack_f64(WIDTH))
 
 
-@kernel
-def _refit_parts(ticket, refit, moved):
-    """Worker: refit each part of both trees; `refit`: a `WideRefit`, `moved`: a `_Moved`."""
-    last = stack_f32(WIDTH)
-    for p in items(ticket):
-        root, end, _ = refit.cut.parts[p]
-        for group in range(refit.group_ranges[p, 0], refit.group_ranges[p, 1]):
-            _move_group(group, moved, last)
-        if root < 0:
-            store(moved.part_boxes, p * 8, load8(moved.boxes, refit.group_ranges[p, 0] * 8))
-            continue
-        store(moved.part_boxes, p * 8, _refit_binary(root, end, refit, moved))
-        _refit_nodes(p, refit, moved)
-
-
-@kernel
-def _refit_rest(part, refit, moved):
-    """Copy the wide nodes that have boxes of several parts; `part`: their place in `WideRefit.starts`."""
-    # In: refit, a `WideRefit`; moved, a `_Moved`
-    _refit_nodes(part, refit, moved)
-
-
-def refit_wide(refit: WideRefit, vertices: NDArray[np.float32], threads: int, pool: ArrayPool) -> WideBvh:
+def refit_wide(refit: WideRefit, vertices: MovedVertices, threads: int, pool: ArrayPool) -> RefittedTree:
     """The same wide BVH with moved triangles, and a refitted binary BVH whose leaves are the groups.
 
-    vertices : (n, 3, 3) float32
-        All triangles of the scene, finite and at most 1e18 in magnitude. The `prim_ids` of the tree index them.
-
-    Children keep their order. The result is identical for any number of threads, and its arrays are in recycled memory.
+    Coordinates must be finite, and at most 1e18 in magnitude. Children keep their order. The result is identical for
+    any number of threads, and its arrays are in recycled memory.
     """
-    wide, s = refit.wide, len(refit.cut.parts)
+    wide, s, n = refit.wide, len(refit.cut.parts), len(refit.wide.bvh.prim_ids)
     nodes, groups = pool.empty(wide.nodes.shape, np.float32), pool.empty((len(wide.slots), GROUP_WORDS), np.float32)
-    lines, corners = pool.empty(wide.bvh.nodes.shape, np.float32), pool.empty((len(wide.bvh.prim_ids), 9), np.float32)
+    lines, corners = pool.empty(wide.bvh.nodes.shape, np.float32), pool.empty((n + WIDTH, 9), np.float32)[:n]
     bvh = Bvh(lines, lines.view(np.int32), wide.bvh.prim_ids, corners)
     new = WideBvh(nodes, nodes.view(np.int32), groups, wide.slots, wide.reach, bvh)
-    boxes = pool.empty((len(groups), 8), np.float32)
-    moved = _Moved(vertices.reshape(-1, 9), new, boxes, np.empty((s, 8), np.float32))
-    run_short(_refit_parts, threads, new_ticket(s, 1), refit, moved)
+    areas, faults = np.zeros(s + 1), np.zeros(1, np.bool_)
+    moved = _Moved(vertices, new, np.empty((s, 8), np.float32), areas, faults)
+    scratch = lambda: (aligned_empty((2 * refit.room, 8), "f4"),)  # a part has fewer nodes than groups
+    run_short(_refit_parts, threads, new_ticket(s, 1), refit, moved, own=scratch)
     write_top(refit.cut, moved.part_boxes, lines)
     _refit_rest(s, refit, moved)
-    return new._replace(reach=reach_of_root(nodes))
+    new = new._replace(reach=reach_of_root(nodes))
+    return RefittedTree(new, cost_of_areas(nodes, float(areas.sum())), not faults[0])

@@ -8,11 +8,15 @@ most about twice the minimum.
 
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..bvh.nodes import WideBvh
 from ..bvh.refit import LIMIT
 from ..bvh.wide_bvh import wide_cost
-from ..bvh.wide_refit import WideRefit, refit_wide, wide_refit
+from ..bvh.wide_refit import MovedVertices, WideRefit, refit_wide, vertices_of_slots, wide_refit
 from ..kernels.array_pool import ArrayPool
+from ..scene.indexed_triangles import IndexedTriangles, padded_rows
 from ..scene.triangles import Triangles
 from .accelerator import Accelerated, Accelerator
 from .auto.cost_model import GOOD, RAY_SECONDS, rebuild_pays
@@ -24,6 +28,14 @@ class _BuiltTree(NamedTuple):
 
     cost: float  # `wide_cost`
     refit: WideRefit
+    solid: NDArray[np.int32] | None  # its triangles, as `Triangles.solid`
+
+
+class _Numbering(NamedTuple):
+    """The vertices of the triangles in the slots of a tree, for faces that `update` has used."""
+
+    faces: NDArray[np.int32] | None  # as in `IndexedVertices`
+    of_slots: NDArray[np.int32]  # see `vertices_of_slots`
 
 
 class RayTreeRefit:
@@ -39,6 +51,7 @@ class RayTreeRefit:
     def begin(self) -> None:
         """Begin with another tree, which has just been built."""
         self._built: _BuiltTree | None = None  # None: until it is first refitted
+        self._numbering: _Numbering | None = None  # the latest one; None: none so far
         self._growth = 1.0  # SAH cost of the latest tree, relative to that of the built one
         self._lost = 0.0  # seconds of all threads
 
@@ -58,18 +71,38 @@ class RayTreeRefit:
         wide, bvh = latest.prepared, latest.bvh
         assert isinstance(wide, WideBvh) and bvh is not None
         n = len(bvh.prim_ids)
-        if n < 2 or not are_equal_faces(latest.triangles.solid, triangles.solid):
+        if n < 2:
             return None
         if self._built is None:
-            self._built = _BuiltTree(wide_cost(wide, self._threads), wide_refit(wide))
+            self._built = _BuiltTree(wide_cost(wide, self._threads), wide_refit(wide), latest.triangles.solid)
         built = self._built
-        prepared = refit_wide(built.refit, triangles.vertices, self._threads, self._pool)
-        growth = max(wide_cost(prepared, self._threads) / built.cost, 1.0)
+        later = triangles if isinstance(triangles, IndexedTriangles) and triangles.cutouts is None else None
+        finds_areas = later is not None and built.solid is None  # then the refit does
+        if not finds_areas and not are_equal_faces(built.solid, triangles.solid):
+            return None
+        moved = refit_wide(built.refit, self._vertices_of(triangles), self._threads, self._pool)
+        if finds_areas and not moved.all_have_area:
+            return None
+        growth = max(moved.cost / built.cost, 1.0)
         expected = rays * RAY_SECONDS * growth * _lost_share(growth)
         if rebuild_pays(self._lost + expected, GOOD, n):
             return None
+        if finds_areas and later is not None:
+            later.mark_solid()
         self._growth = growth
-        return Accelerated(triangles, prepared.bvh, prepared, accelerator.cutouts_of(triangles))
+        return Accelerated(triangles, moved.wide.bvh, moved.wide, accelerator.cutouts_of(triangles))
+
+    def _vertices_of(self, triangles: Triangles) -> MovedVertices:
+        """The vertices in the slots of the tree."""
+        assert self._built is not None
+        if isinstance(triangles, IndexedTriangles):
+            positions, faces = triangles.indexed
+        else:
+            positions, faces = padded_rows(3 * len(triangles.vertices), self._pool), None
+            positions[:] = triangles.vertices.reshape(-1, 3)
+        if self._numbering is None or self._numbering.faces is not faces:
+            self._numbering = _Numbering(faces, vertices_of_slots(self._built.refit.wide, faces))
+        return MovedVertices(positions, self._numbering.of_slots)
 
 
 def _lost_share(growth: float) -> float:

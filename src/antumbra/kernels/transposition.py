@@ -1,4 +1,4 @@
-"""Transposition of eight vectors of eight float32."""
+"""Transposition of vectors of eight float32: of a matrix, or of two side by side."""
 
 import numpy as np
 
@@ -35,3 +35,11 @@ def transposed8(a, b, c, d, e, f, g, h):
     (a, c), (b, d), (e, g), (f, h) = _by_2(a, c), _by_2(b, d), _by_2(e, g), _by_2(f, h)
     (a, e), (b, f), (c, g), (d, h) = _by_4(a, e), _by_4(b, f), _by_4(c, g), _by_4(d, h)
     return a, b, c, d, e, f, g, h
+
+
+@inlined
+def transposed4(a, b, c, d):
+    """The columns of two matrices of four rows and columns, side by side."""
+    (a, b), (c, d) = _by_1(a, b), _by_1(c, d)
+    (a, c), (b, d) = _by_2(a, c), _by_2(b, d)
+    return a, b, c, d

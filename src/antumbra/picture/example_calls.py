@@ -114,10 +114,12 @@ def _all_hits_in_a_store() -> None:
 
 def _update() -> None:
     """Moves the geometry, and refits the tree of ray queries without tracing any."""
-    scene, accelerator = Scene.of_data(small_scene()), Accelerator(parse_plan(RAY_PLANS[0]), 2)
+    scene, accelerator = Scene.of_data(data := small_scene()), Accelerator(parse_plan(RAY_PLANS[0]), 2)
     built = accelerator.build(scene.triangles(0.0, 2))
+    (piece,) = data.source.pieces(0.0)
     scene.update(built.triangles.vertices + scene.origin, threads=2)
-    scene.update(transform=np.eye(4), threads=2)
+    scene.update(piece.vertices[0], threads=2)
+    scene.update(transform=np.eye(4), threads=2)  # reads the corners of the faces
     RayTreeRefit(2).refit(accelerator, built, scene.triangles(0.0, 2), 0)
 
 

@@ -9,6 +9,7 @@
 - `palette_scene`: a scene with palette colours, as generators return and format writers take it
 - `triangles`: the triangles at one moment, and `Hit`
 - `triangle_setup`: interpolation, recentring and rounding to float32 triangles
+- `indexed_triangles`: triangles whose corners are gathered when something reads them
 - `moved_geometry`: new vertices and transforms of objects between queries
 - `scene_bounds`: bounds, the recentred frame, the detail box, and the up axis
 - `camera`: cameras, their rays, and automatic framing

@@ -15,10 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 from ..base.checks import as_array, quoted, whole_number
 from ..base.errors import InputError
 from ..kernels.array_pool import ArrayPool
+from .indexed_triangles import IndexedTriangles, IndexedVertices, padded_rows
 from .materials import MeshAppearance
 from .mesh import WHITE, ObjectInfo, Piece, Source, check_finite
 from .scene_bounds import faces_of
-from .triangle_setup import TriangleSurvey, gather, gather_surveyed, survey, transformed
+from .triangle_setup import gather, recentre, transformed
 from .triangles import Triangles
 
 _MOST_NAMES = 12  # in errors
@@ -100,11 +101,10 @@ class Placement(NamedTuple):
     transforms: NDArray[np.float64]  # (k, 4, 4) float64, world to world
 
 
-class ReplacedTriangles(NamedTuple):
-    """The triangles of a scene with new vertices."""
+class ReplacedVertices(NamedTuple):
+    """The new vertices of a scene."""
 
-    vertices: NDArray[np.float32]  # (n, 3, 3) float32, in the frame
-    survey: TriangleSurvey
+    indexed: IndexedVertices
     exact: bool  # whether the frame holds the vertices in the precision in which they were given
 
 
@@ -127,7 +127,12 @@ class MovableMeshes:
         self._own_rest = False  # whether they are not those of the rest source
         self._rest_source: Source | None = loaded  # None: lost, since a device had finer vertices than the frame
         self._corners: NDArray[np.int32] | None = None
+        self._shared: NDArray[np.int32] | None = None  # see `_shared_faces`; without rows: some vertices are unused
         self._pool = ArrayPool()
+
+    def indexed(self, vertices: IndexedVertices, triangles: Triangles, threads: int) -> IndexedTriangles:
+        """Triangles with these vertices, and everything else of `triangles`."""
+        return IndexedTriangles.of(vertices, triangles, self._pool, threads)
 
     def source_of(self, triangles: Triangles) -> MovedMeshes:
         """The source of moved triangles."""
@@ -194,23 +199,39 @@ class MovableMeshes:
             self._corners = np.concatenate(parts)
         return self._corners
 
-    def replaced(self, points: NDArray[Any], threads: int) -> "ReplacedTriangles":
-        """The triangles with new vertices, as from `given`.
+    def replaced(self, points: NDArray[Any], threads: int) -> ReplacedVertices:
+        """New vertices in the frame, as from `given`.
 
         Raises
         ------
         InputError
             If a vertex is NaN, infinite, or too far from the frame.
         """
-        out = self._pool.empty((self._n_triangles, 3, 3), np.float32)
+        is_soup = points.shape == (self._n_triangles, 3, 3)
         whole = [Piece(points.reshape(1, -1, 3), None, WHITE, self.name)]  # many small pieces would take longer
-        pieces = whole if points.shape == out.shape else self._with_vertices(points)
-        if len(pieces) == 1:
+        pieces = whole if is_soup else self._with_vertices(points)
+        faces = None if is_soup else self._shared_faces(pieces)
+        if is_soup or faces is not None:
+            out = padded_rows(pieces[0].vertices.size // 3, self._pool)
             with _checked(pieces[0]):
-                gathered, found = gather_surveyed(pieces[0], self._origin, out, threads)
-            return ReplacedTriangles(out, found, gathered.exact)
-        exact = self._gather(pieces, out, threads)
-        return ReplacedTriangles(out, survey(out, threads), exact)
+                exact = recentre(pieces[0], self._origin, out, threads)
+            return ReplacedVertices(IndexedVertices(out, faces), exact)
+        out = padded_rows(3 * self._n_triangles, self._pool)
+        exact = self._gather(pieces, out.reshape(-1, 3, 3), threads)
+        return ReplacedVertices(IndexedVertices(out, None), exact)
+
+    def _shared_faces(self, pieces: list[Piece]) -> NDArray[np.int32] | None:
+        """(n, 3) int32: the faces of a scene that is one copy of a mesh and uses all its vertices; None: it is not."""
+        if len(pieces) != 1 or len(pieces[0].vertices) != 1 or pieces[0].faces is None:
+            return None
+        if self._shared is None:
+            faces, used = (
+                np.ascontiguousarray(pieces[0].faces, np.int32),
+                np.zeros(pieces[0].vertices.shape[1], np.bool_),
+            )
+            used[faces] = True
+            self._shared = faces if used.all() else faces[:0]
+        return self._shared if len(self._shared) else None
 
     def _with_vertices(self, points: NDArray[Any]) -> list[Piece]:
         """The pieces of the scene with new vertices, as from `given`."""
@@ -232,7 +253,7 @@ class MovableMeshes:
                     "vertices from the host before a transform"
                 )
             self._rest = list(self._rest_source.pieces(0.0))
-        out = self._pool.empty(vertices.shape, np.float32)
+        out = padded_rows(3 * self._n_triangles, self._pool).reshape(vertices.shape)
         np.copyto(out, vertices)
         transform_of = dict(zip(placement.objects, placement.transforms))
         for piece, rows in _rows_of(self._rest):

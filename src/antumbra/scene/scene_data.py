@@ -36,8 +36,8 @@ from .triangles import Triangles
 from .units import LengthUnit, checked_unit
 
 if TYPE_CHECKING:
+    from .indexed_triangles import IndexedVertices
     from .moved_geometry import MovableMeshes, ObjectChoice
-    from .triangle_setup import TriangleSurvey
 
 # --- City objects and semantic surfaces (CityJSON) --------------------------------------------------------------------
 
@@ -572,10 +572,10 @@ class MemoryData(SceneData):
         self._cutouts, self._find_cutouts, self._finds_cutouts = cutouts, False, False
         if self.moved is not None:
             from ..kernels.parallel import thread_count
-            from .triangle_setup import survey
+            from .triangle_setup import rows_with_area
 
-            found = survey(self.moved.vertices, thread_count(None))
-            self.moved, _ = self._surveyed_triangles(self.moved.vertices, found)
+            vertices = self.moved.vertices
+            self.moved = self._triangles_of(vertices, rows_with_area(vertices, thread_count(None)))
 
     def open_faces(self) -> OpenFaceFinder | None:
         if self.cutouts is None and self.hidden is None:
@@ -669,9 +669,9 @@ class MemoryData(SceneData):
         returned before is changed. Callers take turns.
         """
         from ..kernels.parallel import thread_count
+        from .indexed_triangles import IndexedVertices
         from .moved_geometry import MovableMeshes, placement_of
         from .resident_triangles import DeviceVertices, ResidentTriangles
-        from .triangle_setup import survey
 
         if self.animated:
             raise InputError(f"{self.name}: its animation moves the geometry, and update is for static scenes")
@@ -690,21 +690,23 @@ class MemoryData(SceneData):
         elif vertices is not None:
             given = self._movable.given(vertices)
             replaced = self._movable.replaced(given, threads)
-            moved, bounds = self._surveyed_triangles(replaced.vertices, replaced.survey)
+            moved, bounds = self._indexed_triangles(replaced.indexed, threads)
             self._movable.rest_on(given, moved, replaced.exact)
         else:
             assert transform is not None
             placement = placement_of(self.objects, objects, transform, self.name)
             corners = self._movable.placed(self.triangles(0.0, threads).vertices, placement, threads)
-            moved, bounds = self._surveyed_triangles(corners, survey(corners, threads))
+            moved, bounds = self._indexed_triangles(IndexedVertices(corners.reshape(-1, 3), None), threads)
         self.bounds, self.source = bounds, self._movable.source_of(moved)
         self.moved = moved  # last: caches compare it
 
-    def _surveyed_triangles(
-        self, vertices: NDArray[np.float32], found: "TriangleSurvey"
-    ) -> tuple[Triangles, NDArray[np.float64]]:
-        """Triangles with these vertices, (n, 3, 3) in the frame, and their bounds, (2, 3) world."""
-        return self._triangles_of(vertices, found.with_area), found.bounds + self.origin
+    def _indexed_triangles(self, indexed: "IndexedVertices", threads: int) -> tuple[Triangles, NDArray[np.float64]]:
+        """Triangles with these vertices, and their bounds, (2, 3) world."""
+        from .triangle_setup import bounds_of_rows
+
+        assert self._movable is not None
+        moved = self._movable.indexed(indexed, self._triangles_of(None, None), threads)
+        return moved, bounds_of_rows(indexed.positions, threads) + self.origin
 
     def _triangles_of(self, vertices: Any, with_area: NDArray[np.int32] | None) -> Triangles:
         """Triangles with other vertices; `with_area`: as from `triangle_setup.survey`."""

@@ -22,6 +22,7 @@ from ..kernels.simd import (
     i32_at,
     load4,
     load8,
+    load16x3,
     lowest_bit,
     mask_from_bits4,
     maximum,
@@ -33,7 +34,7 @@ from ..kernels.simd import (
     reduce_min,
     select,
     shuffle,
-    splat8,
+    splat16,
     stack_f32,
     store,
 )
@@ -50,7 +51,7 @@ from .triangles import Triangles
 
 
 _AT_A_TIME = 8192  # vertices, or faces
-_SURVEYED = 1024  # faces: their corners stay in a first-level cache between both steps of a survey
+_IN_CACHE = 1024  # faces: their corners stay in a first-level cache until their areas are found
 _SURE, _TINY = np.float32(2.0**-20), np.float32(1e-37)  # bounds of an error: relative, and from underflow
 _LIMIT, _NEAREST, _ZERO, _INF = np.float32(MAX_EXTENT), np.float32(NEAREST), np.float32(0.0), np.float32(np.inf)
 
@@ -96,15 +97,12 @@ class FacesOfCopies(NamedTuple):
 
     positions: int  # of (copies * n_vertices, 3) float32
     n_vertices: int
-    indices: int  # of (n_faces, 3) int32; 0: none, because the corners of all faces are in place
+    indices: int  # of (n_faces, 3) int32
     n_faces: int
 
 
-_IN_PLACE = FacesOfCopies(0, 0, 0, 0)
-
-
 @inlined
-def _write_row(positions, a, b, c, row):
+def write_corners(positions, a, b, c, row):
     """Write three vertices to a row of nine numbers. Memory behind the last vertex is read."""
     v1, v2 = load4(positions, 3 * b), load4(positions, 3 * c)
     store(row, 0, load4(positions, 3 * a))
@@ -121,7 +119,7 @@ def _gather_rows(faces, first, last, rows, padded):
         start, at = copy * faces.n_vertices, 3 * face
         if padded:
             a, b, c = start + get(indices, at), start + get(indices, at + 1), start + get(indices, at + 2)
-            _write_row(positions, a, b, c, ptr_at(rows, 9 * i))
+            write_corners(positions, a, b, c, ptr_at(rows, 9 * i))
         else:
             for corner in range(3):
                 vertex = start + get(indices, at + corner)
@@ -161,7 +159,7 @@ class _FacesInFrame(NamedTuple):
 def _faces_in_frame(piece: Piece, origin: np.ndarray, threads: int) -> _FacesInFrame:
     """The faces of a piece that has any, with its vertices in the frame at `origin`."""
     local = np.empty(piece.vertices.size + 1, np.float32)[:-1].reshape(piece.vertices.shape)  # padded
-    exact = _recentre_piece(piece, origin, local, threads)
+    exact = recentre(piece, origin, local, threads)
     return _FacesInFrame(local, np.ascontiguousarray(piece.faces, np.int32), exact)
 
 
@@ -176,7 +174,7 @@ def gather(piece: Piece, origin: np.ndarray, out: np.ndarray, threads: int) -> G
     copies, n_vertices = piece.vertices.shape[:2]
     if piece.faces is None:
         count = copies * n_vertices // 3
-        return Gathered(count, _recentre_piece(piece, origin, out[:count].reshape(copies, n_vertices, 3), threads))
+        return Gathered(count, recentre(piece, origin, out[:count].reshape(copies, n_vertices, 3), threads))
     faces = _faces_in_frame(piece, origin, threads)
     count = copies * len(faces.indices)
     run(_gather, threads, new_ticket(count, _AT_A_TIME), faces.of_copies(), out.ctypes.data)
@@ -197,8 +195,14 @@ def face_rows(table: NDArray[np.float32], index: NDArray[np.int32], threads: int
     return table.take(index + 1, axis=0, out=out, mode="clip")
 
 
-def _recentre_piece(piece: Piece, origin: np.ndarray, out: np.ndarray, threads: int) -> bool:
-    """Write the vertices of a piece ((k, v, 3)) as float32 in the frame at `origin`; return whether it holds them."""
+def recentre(piece: Piece, origin: np.ndarray, out: np.ndarray, threads: int) -> bool:
+    """Write the vertices of a piece ((k, v, 3)) as float32 in the frame at `origin`; return whether it holds them.
+
+    Raises
+    ------
+    InputError
+        As for `gather`.
+    """
     dtype = np.dtype(np.float32 if piece.vertices.dtype == np.float32 else np.float64)
     a = np.ascontiguousarray(piece.vertices, dtype)
     b = a if piece.towards is None else np.ascontiguousarray(piece.towards, dtype)
@@ -273,7 +277,7 @@ def _largest(a):
 
 
 @inlined
-def _surely_have_area(v0, v1, v2):
+def surely_have_area(v0, v1, v2):
     """The lanes whose triangles surely have an area.
 
     With u = 2^-24 and L the largest component of an edge, rounding the edges, their products and the differences of
@@ -286,39 +290,17 @@ def _surely_have_area(v0, v1, v2):
 
 
 @inlined
-def _least(a, b, c, d):
-    return minimum(minimum(a, b), minimum(c, d))
-
-
-@inlined
-def _most(a, b, c, d):
-    return maximum(maximum(a, b), maximum(c, d))
-
-
-@inlined
-def _scan(v, first, last, ninth, has_areas, limits, at):
-    """Clear `has_areas` of triangles without area, and write from `at` on the lower and upper corner of all.
-
-    Return whether all have an area.
-    """
-    x0, y0, z0, all_have = splat8(_INF), splat8(_INF), splat8(_INF), True
-    x1, y1, z1 = splat8(-_INF), splat8(-_INF), splat8(-_INF)
+def _find_in_rows(v, first, last, ninth, has_areas):
+    """Clear `has_areas` of triangles without area. Return whether all have an area."""
+    all_have = True
     for i in range(first, last, 8):
         a, b, c = _load_eight(v, i, last - 1, ninth)
-        x0, y0, z0 = _least(x0, a[0], b[0], c[0]), _least(y0, a[1], b[1], c[1]), _least(z0, a[2], b[2], c[2])
-        x1, y1, z1 = _most(x1, a[0], b[0], c[0]), _most(y1, a[1], b[1], c[1]), _most(z1, a[2], b[2], c[2])
-        unsure = ~bits(_surely_have_area(a, b, c)) & ((1 << min(8, last - i)) - 1)
+        unsure = ~bits(surely_have_area(a, b, c)) & ((1 << min(8, last - i)) - 1)
         while unsure != 0:
             triangle = i + lowest_bit(unsure)
             if not has_area(v, triangle):
                 has_areas[triangle] = all_have = False
             unsure &= unsure - 1
-    put(limits, at, reduce_min(x0))
-    put(limits, at + 1, reduce_min(y0))
-    put(limits, at + 2, reduce_min(z0))
-    put(limits, at + 3, reduce_max(x1))
-    put(limits, at + 4, reduce_max(y1))
-    put(limits, at + 5, reduce_max(z1))
     return all_have
 
 
@@ -326,9 +308,20 @@ def _scan(v, first, last, ninth, has_areas, limits, at):
 def _find_areas(ticket, corners, has_areas, faults):
     """Worker: whether each triangle has nonzero area."""
     # In and out: has_areas, (n,) bool, all set; faults, (1,) bool, set if a triangle has none
-    v, ninth, limits = ptr(corners), stack_f32(8), stack_f32(6)
+    v, ninth = ptr(corners), stack_f32(8)
     for first, last in shares(ticket):
-        if not _scan(v, first, last, ninth, has_areas, limits, 0):
+        if not _find_in_rows(v, first, last, ninth, has_areas):
+            faults[0] = True
+
+
+@kernel
+def _gather_and_find(ticket, faces, corners, has_areas, faults):
+    """Worker: gather the corners of faces, and find their areas while they are in the cache."""
+    # In: faces, `FacesOfCopies`, padded. Out: corners, (n, 9) float32. In and out: as in `_find_areas`
+    v, ninth = ptr(corners), stack_f32(8)
+    for first, last in shares(ticket):
+        _gather_rows(faces, first, last, v, True)
+        if not _find_in_rows(v, first, last, ninth, has_areas):
             faults[0] = True
 
 
@@ -342,21 +335,52 @@ def rows_with_area(vertices: NDArray[np.float32], threads: int) -> NDArray[np.in
     return np.flatnonzero(has_areas).astype(np.int32) if faults[0] else None
 
 
+def gather_faces(
+    positions: NDArray[np.float32], faces: NDArray[np.int32], out: NDArray[np.float32], threads: int
+) -> NDArray[np.int32] | None:
+    """Write the corners of faces to `out`, (n, 3, 3) float32, and return their `rows_with_area`.
+
+    positions : (v, 3) float32; the memory of one more number follows
+    faces : (n, 3) int32
+    """
+    of_copies = FacesOfCopies(positions.ctypes.data, 0, faces.ctypes.data, len(faces))
+    has_areas, faults, ticket = np.ones(len(out), np.bool_), np.zeros(1, np.bool_), new_ticket(len(out), _IN_CACHE)
+    run(_gather_and_find, threads, ticket, of_copies, out.reshape(-1, 9), has_areas, faults)
+    return np.flatnonzero(has_areas).astype(np.int32) if faults[0] else None
+
+
+# --- Bounds -----------------------------------------------------------------------------------------------------------
+
+
 @kernel
-def _survey(ticket, faces, corners, has_areas, faults, limits):
-    """Worker: gather the corners of faces unless they are in place, and survey them while they are in the cache."""
-    # In: faces, `FacesOfCopies`. Out: corners, (n, 9) float32; has_areas, faults, as in `_find_areas`
-    # Out: limits, (shares, 2, 3) float32, the lower and upper corner of each share
-    v, ninth, flat = ptr(corners), stack_f32(8), ptr(limits)
+def _bound_rows(ticket, positions, limits):
+    """Worker: the lower and upper corner of each share of the rows. Each has 16 rows or more."""
+    # In: positions, (n, 3) float32. Out: limits, (shares, 2, 3) float32
+    v, n = ptr(positions), len(positions)
     for first, last in shares(ticket):
-        if faces.indices != 0:
-            _gather_rows(faces, first, last, v, True)
-        if not _scan(v, first, last, ninth, has_areas, flat, first // ticket[CHUNK] * 6):
-            faults[0] = True
+        lower = splat16(_INF), splat16(_INF), splat16(_INF)
+        upper = splat16(-_INF), splat16(-_INF), splat16(-_INF)
+        for i in range(first, last, 16):
+            x, y, z = load16x3(v, 3 * min(i, n - 16))
+            lower = minimum(lower[0], x), minimum(lower[1], y), minimum(lower[2], z)
+            upper = maximum(upper[0], x), maximum(upper[1], y), maximum(upper[2], z)
+        share = first // ticket[CHUNK]
+        limits[share, 0, 0], limits[share, 1, 0] = reduce_min(lower[0]), reduce_max(upper[0])
+        limits[share, 0, 1], limits[share, 1, 1] = reduce_min(lower[1]), reduce_max(upper[1])
+        limits[share, 0, 2], limits[share, 1, 2] = reduce_min(lower[2]), reduce_max(upper[2])
+
+
+def bounds_of_rows(positions: NDArray[np.float32], threads: int) -> NDArray[np.float32]:
+    """(2, 3) float32: the lower and upper corner of points, (n, 3) float32, n >= 1."""
+    if len(positions) < 16:
+        return np.stack([positions.min(0), positions.max(0)])
+    limits = np.empty((-(-len(positions) // _AT_A_TIME), 2, 3), np.float32)
+    run(_bound_rows, threads, new_ticket(len(positions), _AT_A_TIME), positions, limits)
+    return np.stack([limits[:, 0].min(0), limits[:, 1].max(0)])
 
 
 class TriangleSurvey(NamedTuple):
-    """What one pass over triangles finds."""
+    """What there is to know of triangles before they are traced."""
 
     with_area: NDArray[np.int32] | None  # see `rows_with_area`
     bounds: NDArray[np.float32]  # (2, 3) float32: lower and upper corner
@@ -364,25 +388,10 @@ class TriangleSurvey(NamedTuple):
 
 def survey(vertices: NDArray[np.float32], threads: int) -> TriangleSurvey:
     """The triangles with area, and the bounds, of (n, 3, 3) float32, n >= 1."""
-    return _surveyed(_IN_PLACE, vertices, threads)
+    return TriangleSurvey(rows_with_area(vertices, threads), bounds_of_rows(vertices.reshape(-1, 3), threads))
 
 
-def _surveyed(faces: FacesOfCopies, out: NDArray[np.float32], threads: int) -> TriangleSurvey:
-    """`survey` of faces, whose corners are written to `out`, (n, 3, 3) float32."""
-    n = len(out)
-    has_areas, faults = np.ones(n, np.bool_), np.zeros(1, np.bool_)
-    limits = np.empty((-(-n // _SURVEYED), 2, 3), np.float32)
-    run(_survey, threads, new_ticket(n, _SURVEYED), faces, out.reshape(-1, 9), has_areas, faults, limits)
-    with_area = np.flatnonzero(has_areas).astype(np.int32) if faults[0] else None
-    return TriangleSurvey(with_area, np.stack([limits[:, 0].min(0), limits[:, 1].max(0)]))
-
-
-def gather_surveyed(piece: Piece, origin: np.ndarray, out: np.ndarray, threads: int) -> tuple[Gathered, TriangleSurvey]:
-    """`gather` a piece, whose triangles are all of `out`, and `survey` them in the same pass."""
-    if piece.faces is None:
-        return gather(piece, origin, out, threads), survey(out, threads)
-    faces = _faces_in_frame(piece, origin, threads)
-    return Gathered(len(out), faces.exact), _surveyed(faces.of_copies(), out, threads)
+# --- Rows of chosen triangles -----------------------------------------------------------------------------------------
 
 
 @kernel
