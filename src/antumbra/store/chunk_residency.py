@@ -83,6 +83,8 @@ class Residency:
 
     Attributes
     ----------
+    size : int
+        Bytes that all chunks would occupy.
     pending : int
         Bytes reserved for chunks that are being read.
     traced : (chunks,) bool
@@ -100,6 +102,7 @@ class Residency:
         self.paging = Paging(0, 0, 0, 0, 0)
         self._chunks: OrderedDict[int, ResidentChunk] = OrderedDict()  # the next chunk to evict comes first
         self._sizes = store.chunks.bytes + expanded_bytes(store.chunks.nodes)  # with their blocks
+        self.size = int(self._sizes.sum())
         self._used = self.pending = 0
         self._pinned: set[int] = set()
         self._ahead = _AHEAD

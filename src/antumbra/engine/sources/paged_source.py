@@ -492,7 +492,7 @@ class Paged:
     def bands(self, height: int) -> Iterator[slice]:
         cache = self.residency if self.on_device is None else self.on_device
         begun = cache.loaded
-        for rows in self._bands.of_frame(height, self.store.chunks.bytes.sum() > cache.budget):
+        for rows in self._bands.of_frame(height, self.residency.size > cache.budget):
             self._begin_band(rows)
             cache.begin_band()
             before = cache.loaded
