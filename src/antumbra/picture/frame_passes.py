@@ -106,7 +106,7 @@ def render_frame(state: FrameState) -> Frame:
     """Render a frame. Compile its kernels first, or compilation counts in the timings; and hold the engine's lock."""
     request = state.request
     evaluate(state)
-    surfaces, traced = find_and_trace(state)
+    surfaces, traced, irradiance = find_and_trace(state)
     surfaces = with_appearance(state, surfaces)
     visible, fractions = visible_fractions(state, surfaces, traced)
     edge = finer = indirect = coverage = None
@@ -114,7 +114,8 @@ def render_frame(state: FrameState) -> Frame:
         edge, finer = refine(state, surfaces, visible, traced, fractions)
     visibility, shares = [light.fraction for light in fractions], [light.share for light in fractions]
     if request.passes:
-        indirect = bounce(state, surfaces, visible, traced)
+        irradiance = diffuse(state, surfaces, traced) if irradiance is None else irradiance
+        indirect = bounce(state, surfaces, visible, irradiance)
     materials = None
     if surfaces.materials is not None:
         smooth = request.smooth or request.smooth_skies
@@ -172,20 +173,37 @@ def evaluate(state: FrameState) -> None:
         state.clock.lap("build")
 
 
-def find_and_trace(state: FrameState) -> tuple[Surfaces, list[TracedQuery]]:
-    """Find the surfaces that the camera sees and trace their shadow rays, one band of rows after another."""
-    bands, bits = list[Surfaces](), list[list[np.ndarray]]()
-    for rows in state.tracer.bands(state.request.camera.height):
+class _TracedBand(NamedTuple):
+    """The rows of a band, with what its rays have found."""
+
+    rows: slice
+    surfaces: Surfaces
+    traced: list[TracedQuery]
+    irradiance: NDArray[np.float32] | None  # see `diffuse`; None: it is not traced with the band
+
+
+def find_and_trace(state: FrameState) -> tuple[Surfaces, list[TracedQuery], NDArray[np.float32] | None]:
+    """Find the surfaces that the camera sees and trace their rays, one band of rows after another.
+
+    Return the surfaces, the traced shadow queries, and `diffuse` of a store, whose chunks serve all rays of a band;
+    None: of other scenes, and of frames without bounced light.
+    """
+    request, bands = state.request, list[_TracedBand]()
+    bounced = bool(request.passes) and state.known is None and state.tracer.memory is not None
+    for rows in state.tracer.bands(request.camera.height):
         surfaces = find_surfaces(state, rows)
         traced = trace(state, surfaces, rows)
-        bands.append(surfaces)
-        bits.append([each.bits for each in traced])
+        bands.append(_TracedBand(rows, surfaces, traced, diffuse(state, surfaces, traced) if bounced else None))
     if len(bands) == 1:
-        return surfaces, traced
-    surfaces = join_bands(bands)
+        return bands[0][1:]
+    bands.sort(key=lambda band: band.rows.start)
+    surfaces = join_bands([band.surfaces for band in bands])
     state.tracer.triangles = surfaces.triangles
-    queries = queries_of(state, surfaces, state.request.samples)
-    return surfaces, [state.tracer.traced_query(q, np.concatenate(b)) for q, b in zip(queries, zip(*bits))]
+    bits = [np.concatenate([each.bits for each in of_light]) for of_light in zip(*(band.traced for band in bands))]
+    queries = queries_of(state, surfaces, request.samples)
+    traced = [state.tracer.traced_query(query, words) for query, words in zip(queries, bits)]
+    irradiance = np.concatenate([band.irradiance for band in bands if band.irradiance is not None]) if bounced else None
+    return surfaces, traced, irradiance
 
 
 def find_surfaces(state: FrameState, rows: slice) -> Surfaces:
@@ -254,19 +272,24 @@ _SMOOTHINGS = 6
 """Filter passes over bounced light. It varies slowly over a surface, and one window has few of its rays."""
 
 
-def bounce(
-    state: FrameState, surfaces: Surfaces, visible: PictureSurfaces, traced: list[TracedQuery]
-) -> NDArray[np.float32]:
-    """(H, W, 3) float32: irradiance of bounced light, filtered on request."""
+def diffuse(state: FrameState, surfaces: Surfaces, traced: list[TracedQuery]) -> NDArray[np.float32]:
+    """Irradiance of bounced light at the pixels of the sparse grid, (ceil(H / step), ceil(W / step), 3) float32."""
     step = state.request.options.bounce_step
-    if state.known is None:
-        nearest = state.tracer.closest_hits(state.clock.lap)
-        origins = sparse_grid(traced[0].query.origins, step)
-        indirect = indirect_light(state, sparse_surfaces(surfaces, step), origins, nearest)
-        state.clock.lap("trace")
-    else:
+    if state.known is not None:
         assert state.known.indirect is not None
-        indirect = state.known.indirect
+        return state.known.indirect
+    nearest = state.tracer.closest_hits(state.clock.lap)
+    origins = sparse_grid(traced[0].query.origins, step)
+    indirect = indirect_light(state, sparse_surfaces(surfaces, step), origins, nearest)
+    state.clock.lap("trace")
+    return indirect
+
+
+def bounce(
+    state: FrameState, surfaces: Surfaces, visible: PictureSurfaces, indirect: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """(H, W, 3) float32: irradiance of bounced light, filtered on request; `indirect`: from `diffuse`."""
+    step = state.request.options.bounce_step
     if state.request.smooth:
         grid = sparse_picture(visible, step)
         for _ in range(_SMOOTHINGS):

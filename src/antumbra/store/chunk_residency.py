@@ -10,6 +10,7 @@ from collections import OrderedDict, deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import closing
+from itertools import compress, islice
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -27,7 +28,8 @@ from .system_resources import BufferPool
 POLICIES = "lru", "round-robin"
 _READERS = 2  # reading threads; while there is nothing to trace, they have all cores to themselves
 _GROUP = 16  # chunks traced together: rays that hit something in them need none of the chunks behind
-_LOOKAHEAD = 2 * _GROUP  # chunks checked, just before they are read, for whether rays still need them
+_AHEAD = 2 * _GROUP  # chunks read ahead of the rays at first
+_NEARLY = 0.875  # share of the chunks read that rays still need, from which on twice as many are read ahead
 
 
 class Paging(NamedTuple):
@@ -81,8 +83,14 @@ class Residency:
 
     Attributes
     ----------
+    size : int
+        Bytes that all chunks would occupy.
     pending : int
         Bytes reserved for chunks that are being read.
+    traced : (chunks,) bool
+        The chunks that were traced since `begin_band`.
+    returned : int
+        Bytes of chunks that were traced, evicted, read and traced again since then.
     """
 
     def __init__(self, store: Store, budget: int, policy: str = "lru"):
@@ -90,11 +98,14 @@ class Residency:
             raise InputError(f"eviction policy is {policy!r}; choose {' or '.join(POLICIES)}")
         self.store, self.budget, self.policy = store, budget, policy
         self.trees = np.zeros((len(store), ADDRESSES), np.int64)
+        self.traced, self.returned = np.zeros(len(store), np.bool_), 0
         self.paging = Paging(0, 0, 0, 0, 0)
         self._chunks: OrderedDict[int, ResidentChunk] = OrderedDict()  # the next chunk to evict comes first
         self._sizes = store.chunks.bytes + expanded_bytes(store.chunks.nodes)  # with their blocks
+        self.size = int(self._sizes.sum())
         self._used = self.pending = 0
         self._pinned: set[int] = set()
+        self._ahead = _AHEAD
         self._copies: dict[int, TriangleCopies] = {}  # from evicted chunks in which the current query has hits
         self._pool = BufferPool()
         self._start_readers()
@@ -122,6 +133,15 @@ class Residency:
         """The tree of a chunk in memory."""
         return self._chunks[k].tree
 
+    @property
+    def loaded(self) -> int:
+        """Bytes of all chunks read."""
+        return self.paging.bytes
+
+    def begin_band(self) -> None:
+        """Start a band of rows of an image."""
+        self.traced[:], self.returned = False, 0
+
     def max_bytes(self, k: int) -> int:
         """Upper bound, in bytes, on the memory of chunk `k`, which may be that of a larger one."""
         return int(self._sizes[k]) * 5 // 4
@@ -139,13 +159,14 @@ class Residency:
     ) -> Generator[np.ndarray, None, None]:
         """Yield the chunks `parts` in groups, starting with those in memory.
 
-        The trees of a group stay in memory until the next group is requested. Before chunks are read, `still_needed`
-        returns a mask of those that rays still need; the others are skipped. Before a chunk is evicted, the triangles
-        that `mark` marks are copied for `triangles`; None: copy nothing.
+        The trees of a group stay in memory until the next group is requested. Before chunks are read, and once more
+        before they are yielded, `still_needed` returns a mask of those that rays still need; the others are skipped.
+        Before a chunk is evicted, the triangles that `mark` marks are copied for `triangles`; None: copy nothing.
         """
         here = [k for k in parts.tolist() if k in self._chunks]
         missing = deque(k for k in parts.tolist() if k not in self._chunks)
         self._count(wanted=len(parts), cached=len(here))
+        self._ahead = _AHEAD
         coming: deque[_Read] = deque()
         self._pinned = set(here)
         try:
@@ -154,9 +175,9 @@ class Residency:
                 yield np.array(here)
                 self._mark_used(here)
             while missing or coming:
-                group = self._next_group(coming)
+                group = self._needed(self._next_group(coming), missing, still_needed)
                 self._pinned = set(group)
-                missing = _drop_unneeded(missing, still_needed)
+                self.returned += sum(int(self._sizes[k]) for k in group if self.traced[k])
                 self._request(missing, coming, mark)
                 if group:
                     yield np.array(group)
@@ -193,12 +214,31 @@ class Residency:
         self._copies.clear()
 
     def _request(self, missing: deque[int], coming: deque[_Read], mark: Mark | None) -> None:
-        """Start reading as many chunks as fit in the budget; at least one if none is being traced or read."""
-        self._make_room(missing, mark)
-        while missing and (self._free() >= self.max_bytes(missing[0]) or not (coming or self._pinned)):
-            k = missing.popleft()
+        """Start reading the next chunks, if they fit in the budget; at least one if none is being traced or read."""
+        soon = list(islice(missing, max(self._ahead - len(coming), 0)))
+        self._make_room(soon, mark)
+        for k in soon:
+            if self._free() < self.max_bytes(k) and (coming or self._pinned):
+                break
+            missing.popleft()
             self.pending += self.max_bytes(k)
             coming.append((k, self._reader.submit(self._read, k)))
+
+    def _needed(
+        self, read: list[int], missing: deque[int], still_needed: Callable[[np.ndarray], np.ndarray]
+    ) -> list[int]:
+        """Those of the chunks `read` that rays still need. Of the missing ones, keep those needed among the next ones.
+
+        If nearly all of the chunks are needed, as in views from afar, the next ones are read further ahead, and traced
+        in larger groups.
+        """
+        needed = lambda chunks: list(compress(chunks, still_needed(np.array(chunks, np.int64)))) if chunks else []
+        group, soon = needed(read), list[int]()
+        self._ahead = min(2 * self._ahead, len(self.store)) if len(group) >= _NEARLY * len(read) else _AHEAD
+        while missing and len(soon) < self._ahead:
+            soon += needed([missing.popleft() for _ in range(min(self._ahead, len(missing)))])
+        missing.extendleft(reversed(soon))
+        return group
 
     def _free(self) -> int:
         return self.budget - self._used - self.pending
@@ -249,6 +289,7 @@ class Residency:
         wait([future for _, future in coming])
 
     def _mark_used(self, group: list[int]) -> None:
+        self.traced[group] = True
         if self.policy == "lru":
             for k in group:
                 self._chunks.move_to_end(k)
@@ -308,13 +349,6 @@ class RangeMemory:
         with closing(self._residency.groups(parts + start, lambda k: still_needed(k - start), of_all)) as groups:
             for group in groups:
                 yield group - start
-
-
-def _drop_unneeded(missing: deque[int], still_needed: Callable[[np.ndarray], np.ndarray]) -> deque[int]:
-    """The missing chunks, without those of the next `_LOOKAHEAD` that rays no longer need."""
-    chunks = np.array(missing, np.int64)
-    soon, later = chunks[:_LOOKAHEAD], chunks[_LOOKAHEAD:]
-    return deque([*soon[still_needed(soon)].tolist(), *later.tolist()] if len(soon) else [])
 
 
 def slot_starts(chunks: np.ndarray, triangles: np.ndarray) -> NDArray[np.int64]:

@@ -3,9 +3,9 @@
 Images are traced in bands of rows, and ray lists in batches of coherent rays, so that each chunk is read once per band
 or batch.
 
-A flight over a large city needs more chunks than fit in memory. If all camera rays were traced before all shadow rays,
-both would read every chunk. The chunks of a band fit in memory, so its shadow rays reuse those of its camera rays
-[Mattausch et al. 2015, Sec. 5.4].
+A flight over a large city needs more chunks than fit in memory, that of the process or of a device. If all camera rays
+were traced before all shadow rays, both would read every chunk. The chunks of a band fit in memory, so its shadow and
+diffuse rays reuse those of its camera rays [Mattausch et al. 2015, Sec. 5.4].
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -59,56 +59,85 @@ from .source_protocols import Bodies, CameraView, FrameMemory, SourceSettings
 # --- Bands of rows ----------------------------------------------------------------------------------------------------
 
 
-_MIN_ROWS = 16  # the rows of a region
+_MIN_ROWS = 32  # the rows of a region: four rows of the sparsest grid of bounced light
 _FIRST_ROWS = 64  # rows of the first band
-_CAMERA_SHARE = 0.5  # share of memory that the chunks of a band's camera rays may fill
-_SHADOW_SHARE = 0.1  # share of memory that a band's shadow rays may read in any case
+_NEW_SHARE = 0.5  # share of memory that the new chunks of a band should fill
+_SLACK = 0.1  # share of memory that may come twice in a band, or newly in a frame, without a change of the bands
 _PAUSE_FRAMES = 16  # frames without bands after bands have not helped
 
 
 class Bands:
-    """Chooses the bands of each frame from the bytes read for earlier bands."""
+    """Chooses the bands of each frame from what came to memory in earlier ones.
+
+    A band fits in memory if few chunks come twice. Frames go down and up in turn, so that each begins with the chunks
+    in memory.
+    """
 
     def __init__(self) -> None:
-        self._fitting_bands: dict[int, int] = {}  # first row -> rows, of the last frame's bands that fit in memory
-        self._rows = _FIRST_ROWS
-        self._pause = 0
+        self._height, self._known = 0, list[slice]()  # of the last frame: its rows, and its bands, or halves of them
+        self._rows, self._fit = _FIRST_ROWS, True
+        self._banded, self._up, self._pause = True, True, 0
 
-    def of_frame(self, height: int, needed: bool) -> Iterator[slice]:
-        """Yield the rows of each band from top to bottom. The caller calls `read` after each.
+    def of_frame(self, height: int, exceeds: bool) -> Iterator[slice]:
+        """Yield the rows of each band, from top to bottom or from bottom to top. The caller calls `traced` after each.
 
-        needed : whether the chunks of the whole image far exceed memory; otherwise, there is a single band
+        exceeds : whether the scene exceeds memory; otherwise, there is a single band
         """
+        last = self._known if height == self._height else []
+        self._height, self._known = height, []
         self._pause -= 1
-        banded = needed and self._pause <= 0
-        first, fitting, self._fitting_bands = 0, self._fitting_bands if banded else {}, {}
-        self._rows = _FIRST_ROWS if banded else height
-        while first < height:
-            rows = self._rows = min(fitting.get(first, self._rows), height - first)
-            yield slice(first, first + rows)
-            if self._fit:
-                self._fitting_bands[first] = rows
-            first += rows
+        if not exceeds or not self._banded or self._pause > 0:
+            self._rows = height
+            yield slice(0, height)
+            self._banded = not self._fit
+            return
+        self._up, self._rows = not self._up, _FIRST_ROWS
+        known = {(band.stop if self._up else band.start): band for band in last}
+        edge, end = (height, 0) if self._up else (0, height)
+        while edge != end:
+            band = known.get(edge) or self._next(edge, height)
+            self._rows = band.stop - band.start
+            yield band
+            self._known += [band] if self._fit else _halves(band)
+            edge = band.start if self._up else band.stop
 
-    def read(self, camera_bytes: int, shadow_bytes: int, budget: int) -> None:
+    def _next(self, edge: int, height: int) -> slice:
+        """The band at an edge of the rows that are done."""
+        if self._up:
+            return slice(max(edge - self._rows, 0) // _MIN_ROWS * _MIN_ROWS, edge)
+        return slice(edge, min(edge + self._rows, height))
+
+    def traced(self, loaded: int, returned: int, budget: int) -> None:
         """Choose the rows of the next band.
 
-        camera_bytes, shadow_bytes : bytes read by the camera rays and by the shadow rays of the last band
+        loaded, returned : bytes of the chunks that came to memory while the last band was traced, and came once more
         budget : limit in bytes on the chunks in memory
         """
-        best = self._rows * _CAMERA_SHARE * budget / max(camera_bytes, 1)
-        self._fit = shadow_bytes <= max(camera_bytes / 2, _SHADOW_SHARE * budget)
+        self._fit = returned <= _SLACK * budget
         if self._fit:
-            self._rows = _regions(min(2 * self._rows, best))
+            self._rows = _regions(int(self._rows * min(2.0, _NEW_SHARE * budget / max(loaded, 1))))
         elif self._rows > _MIN_ROWS:
-            self._rows = _regions(min(self._rows / 2, best))
+            self._rows = _regions(self._rows // 2)
         else:  # the chunks of even the smallest band do not fit in memory
             self._rows, self._pause = 1 << 30, _PAUSE_FRAMES
 
+    def end_frame(self, loaded: int, free: int, budget: int) -> None:
+        """End a frame. The next one needs no bands if there is memory left, or if few chunks were new in this one.
 
-def _regions(rows: float) -> int:
+        loaded : bytes of the chunks that came to memory in this frame
+        free : bytes of memory for chunks that are left
+        """
+        self._banded &= free < _SLACK * budget < loaded
+
+
+def _halves(band: slice) -> list[slice]:
+    middle = min(band.start + _regions((band.stop - band.start) // 2), band.stop)
+    return [each for each in (slice(band.start, middle), slice(middle, band.stop)) if each.start < each.stop]
+
+
+def _regions(rows: int) -> int:
     """Round down to the rows of whole regions; at least one region."""
-    return max(int(rows) // _MIN_ROWS, 1) * _MIN_ROWS
+    return max(rows // _MIN_ROWS, 1) * _MIN_ROWS
 
 
 # --- Ray lists: batches of coherent rays ------------------------------------------------------------------------------
@@ -220,7 +249,6 @@ def weights(batch: HitBatch, threads: int) -> tuple[np.ndarray, np.ndarray]:
 
 _CHUNKS_AT_ONCE = 256  # chunks whose triangles are numbered together
 _NO_SLOTS = np.empty(0, np.int64)
-BAND_FACTOR = 4  # bands pay off if a frame reads more than this multiple of the budget: neighbours share some chunks
 RESERVED = 48 << 20  # bytes reserved for small allocations
 DEVICE_CHUNKS = 8 << 30  # bytes of chunks on a device, at most
 
@@ -287,8 +315,7 @@ class Paged:
         self._joint_budget = 0  # bytes for rays that are traced together
         self._frame_budget, self._rooms = 0, (0, 0)  # for chunks when the frame began; of `make_room`: staying, passing
         self._batch_sizes: dict[int, int] = {}  # size of an item -> number of items traced together
-        self._bands, self._camera_mark = Bands(), 0  # the total of bytes read when the last camera rays were traced
-        self._frame_reads = int(store.chunks.bytes.sum())  # bytes read in the last frame; initially the whole store
+        self._bands = Bands()
         states = [ChcRtState(self._parts(each), tracer.options) for each in store.ranges]
         numbers = [each.numbers for each in store.ranges]
         scheduled = states[0] if store.ranges[0].is_all else ChcRtRanges(states, numbers)
@@ -374,8 +401,6 @@ class Paged:
         free = self._budget_with_looks(memory)
         together, cells = min(free // 2, memory.passes), min(free // 8, memory.cells)
         self._joint_budget, prepared.room = together, cells
-        if self._start_paging is not None:
-            self._frame_reads = self.residency.paging.bytes - self._start_paging.bytes
         self.residency.budget, self._start_paging = free - together - cells, self.residency.paging
         self._frame_budget, self._rooms = self.residency.budget, (0, 0)
         self.residency.trim()
@@ -465,11 +490,20 @@ class Paged:
         return counts
 
     def bands(self, height: int) -> Iterator[slice]:
-        budget = self.residency.budget
-        for rows in self._bands.of_frame(height, self._frame_reads > BAND_FACTOR * budget):
-            before = self.residency.paging.bytes
+        cache = self.residency if self.on_device is None else self.on_device
+        begun = cache.loaded
+        for rows in self._bands.of_frame(height, self.residency.size > cache.budget):
+            self._begin_band(rows)
+            cache.begin_band()
+            before = cache.loaded
             yield rows
-            self._bands.read(self._camera_mark - before, self.residency.paging.bytes - self._camera_mark, budget)
+            self._bands.traced(cache.loaded - before, cache.returned, cache.budget)
+        self._begin_band(None)
+        self._bands.end_frame(cache.loaded - begun, cache.budget - cache.used, cache.budget)
+
+    def _begin_band(self, rows: slice | None) -> None:
+        for _, state in self._ranges:
+            state.begin_band(rows)
 
     def look(self, view: CameraView) -> Surfaces:
         """The surfaces visible to a camera."""
@@ -477,11 +511,8 @@ class Paged:
         if camera.listed:
             passes = [camera_pass(cast(ExplicitRays, camera.view(self.scene.origin)), rows)]
             shape = rows.stop - rows.start, camera.width
-            surfaces = next(self._surfaces_hit(passes, shape, progress))._replace(device=self._seen_on)
-        else:
-            surfaces = self.see(camera, rows, progress)
-        self._camera_mark = self.residency.paging.bytes
-        return surfaces
+            return next(self._surfaces_hit(passes, shape, progress))._replace(device=self._seen_on)
+        return self.see(camera, rows, progress)
 
     def see(
         self, camera: Camera, rows: slice, progress: ProgressCallback | None = None, only_solid: bool = False

@@ -34,8 +34,11 @@ if TYPE_CHECKING:
 # --- State between frames, shadow queries and ray passes --------------------------------------------------------------
 
 
-_Call: TypeAlias = tuple[int, tuple[int, ...], int, bool]
-"""A call of a frame: its number, the image's shape, the number of ray sets, and whether they are traced here."""
+_Band: TypeAlias = tuple[int, int] | None
+"""The first row and the end of a band of an image; None: calls that belong to no band."""
+
+_Call: TypeAlias = tuple[_Band, int, tuple[int, ...], int, bool]
+"""A call: its band, its number there, the image's shape, the number of ray sets, and whether they are traced here."""
 
 _Sets = TypeVar("_Sets")
 
@@ -45,9 +48,10 @@ _UNUSED_FRAMES = 8  # fronts that no call has used for this many frames are evic
 class ChcRtState(TracerState):
     """A scene prepared for CHC+RT, with the fronts of the last frames.
 
-    Each tracing call of a frame has its own fronts. Call n starts from the fronts of call n of the last frame if both
-    have the same image shape and number of ray sets. Temporal coherence is therefore only used if each frame makes its
-    calls in the same order; results never depend on it. Fronts that no call has used for some frames are evicted.
+    Each tracing call of a frame has its own fronts. Call n of a band starts from the fronts of call n of this band in
+    the last frame if both have the same image shape and number of ray sets. Temporal coherence is therefore only used
+    if each frame makes its calls in the same order; results never depend on it. Fronts that no call has used for some
+    frames are evicted.
 
     parts : TreeParts
     options : ChcRtOptions
@@ -73,7 +77,13 @@ class ChcRtState(TracerState):
         """Start a new frame."""
         self._frame += 1
         self._fronts = {key: entry for key, entry in self._fronts.items() if entry[0] >= self._frame - _UNUSED_FRAMES}
-        self._calls, self.statistics = 0, list[dict[str, float]]()
+        self.statistics = list[dict[str, float]]()
+        self.begin_band(None)
+
+    def begin_band(self, rows: slice | None) -> None:
+        """Start a band of rows of the frame's image; None: calls that belong to no band."""
+        self._band: _Band = None if rows is None else (rows.start, rows.stop)
+        self._calls = 0
 
     @property
     def sees_on_device(self) -> bool:
@@ -91,9 +101,9 @@ class ChcRtState(TracerState):
         """Trace ray sets in one call, starting from the fronts of the same call of the last frame."""
         with self._lock:
             parts = rays.parts
-            key = self._calls, shape, rays.sets, parts is self.parts
+            key = self._band, self._calls, shape, rays.sets, parts is self.parts
             self._calls += 1
-            fronts = self._fronts[key][1] if key in self._fronts else None
+            _, fronts = self._fronts.pop(key, (0, None))  # so that fronts are in the order of the frame's calls
             if parts.memory is not None:
                 parts.memory.begin_question()
             fronts = fronts or Fronts(rays.tiles, parts, rays.sets, self.options)
@@ -112,8 +122,8 @@ class ChcRtState(TracerState):
     def states(self) -> Iterator[tuple[int, Fronts]]:
         """Yield (call number, fronts) for the calls of this frame, in order."""
         with self._lock:
-            numbered = [(key[0], fronts) for key, (frame, fronts) in self._fronts.items() if frame == self._frame]
-        yield from sorted(numbered, key=lambda state: state[0])
+            called = [fronts for frame, fronts in self._fronts.values() if frame == self._frame]
+        yield from enumerate(called)
 
 
 class ChcRtRanges(TracerState):

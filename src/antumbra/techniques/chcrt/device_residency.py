@@ -55,6 +55,10 @@ class DeviceResidency:
     ----------
     trees : (parts, TREE_WORDS) int64
         Rows of the table of trees; valid only for parts on the device.
+    traced : (parts,) bool
+        The parts that were traced since `begin_band`.
+    returned : int
+        Bytes of parts that were traced, evicted and uploaded again since then.
     """
 
     def __init__(
@@ -64,11 +68,21 @@ class DeviceResidency:
         self.trees = np.zeros((parts, TREE_WORDS), np.int64)
         self.traffic = DeviceTraffic(0, 0, 0, 0, 0, 0)
         self.used = 0
+        self.traced, self.returned = np.zeros(parts, np.bool_), 0
         self._parts: OrderedDict[int, PartTree] = OrderedDict()  # the next part to evict comes first
         self._pinned: set[int] = set()  # those that are being traced
 
     def __contains__(self, k: int) -> bool:
         return k in self._parts
+
+    @property
+    def loaded(self) -> int:
+        """Bytes of all parts uploaded."""
+        return self.traffic.bytes
+
+    def begin_band(self) -> None:
+        """Start a band of rows of an image."""
+        self.traced[:], self.returned = False, 0
 
     def begin_question(self) -> None:
         """Start a tracing call."""
@@ -88,7 +102,7 @@ class DeviceResidency:
         self._count(wanted=len(parts), kept=len(here))
         try:
             if len(here):
-                self._pinned = set(here.tolist())
+                self._pinned, self.traced[here] = set(here.tolist()), True
                 yield here
                 for k in here.tolist():
                     self._parts.move_to_end(k)
@@ -182,6 +196,8 @@ class DeviceResidency:
 
     def _add(self, k: int, tree: PartTree) -> None:
         self._parts[k], self.trees[k] = tree, tree.row
+        self.returned += tree.bytes if self.traced[k] else 0
+        self.traced[k] = True
         self.used += tree.bytes
         self._count(uploaded=1, bytes=tree.bytes, bvh_bytes=tree.bvh_bytes)
 
