@@ -462,7 +462,9 @@ class Paged:
         return free
 
     def _free(self, memory: FrameMemory) -> int:
-        return self.max_memory - memory.fixed - RESERVED - (resident_memory() - self.residency.held)
+        there = self.on_device
+        coming = 0 if there is None or not there.device.in_host_memory else max(there.budget - there.used, 0)
+        return self.max_memory - memory.fixed - RESERVED - coming - (resident_memory() - self.residency.held)
 
     def _budget_with_looks(self, memory: FrameMemory) -> int:
         """`budget`, once textures of earlier frames are released if they leave too little."""
