@@ -264,6 +264,8 @@ def _trace(fronts: Fronts, rays: FrameRaySet, pairs: NDArray[np.int64], statisti
             done += len(group)
             if statistics.progress is not None:
                 statistics.progress(done, len(ordered))
+    if statistics.progress is not None and done < len(ordered):  # no ray needed the other parts
+        statistics.progress(len(ordered), len(ordered))
     return TracedPairs(traced, blocking)
 
 
