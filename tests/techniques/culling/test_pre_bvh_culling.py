@@ -18,7 +18,8 @@ from antumbra.query.query_bounds import reach
 from antumbra.query.receivers import FREE, NOTHING
 from antumbra.query.shadow_query import ShadowQuery, segments
 from antumbra.scene.triangles import Triangles
-from antumbra.techniques.culling.pre_bvh_culling import HULLS, marked_cells_of
+from antumbra.techniques.culling import pre_bvh_culling
+from antumbra.techniques.culling.pre_bvh_culling import HULLS, indices_of, marked_cells_of
 from antumbra.techniques.culling.pre_bvh_culling import cull as culling
 from asking import query_of
 from strategies import point_arrays, soups
@@ -209,3 +210,11 @@ def test_a_convex_region_has_more_than_the_grid():
     dropped, kept = _check(partial(culling, method=CONVEX), triangles, queries)
     of_grid = _check(culling, triangles, queries)[1]
     assert dropped > 100 and 1.5 * of_grid < kept
+
+
+def test_few_indices_are_kept_but_many_die_with_their_scene(monkeypatch):
+    monkeypatch.setattr(pre_bvh_culling, "_KEPT", 100)
+    for n in (0, 1, 100, 101):
+        first = indices_of(n)
+        assert first.dtype == np.int32 and first.tolist() == list(range(n))
+        assert (indices_of(n) is first) == (n <= 100)

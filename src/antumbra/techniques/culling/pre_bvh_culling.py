@@ -47,6 +47,7 @@ from .culling_grid import (
 
 _CHUNK = 8192  # triangles per work item
 _SAMPLE = 4096  # triangles in the sample of `relevant_share`
+_KEPT = 1 << 24  # indices of triangles that outlive their scene: 64 MB, as much as `recycled_empty` keeps
 
 
 class MarkedCells(NamedTuple):
@@ -422,7 +423,14 @@ def soup_of(triangles: Triangles, culled: CullResult | None = None, threads: int
     return Soup(triangles.vertices.reshape(-1, 9), indices_of(len(triangles.vertices)))
 
 
-@lru_cache(1)
 def indices_of(n: int) -> NDArray[np.int32]:
-    """(n,) int32: 0 to n - 1, kept for the next frame, since new memory takes long; do not write to it."""
+    """(n,) int32: 0 to n - 1, kept for the next frame unless they are many, since new memory takes long.
+
+    Do not write to it.
+    """
+    return _kept_indices(n) if n <= _KEPT else np.arange(n, dtype=np.int32)
+
+
+@lru_cache(1)
+def _kept_indices(n: int) -> NDArray[np.int32]:
     return np.arange(n, dtype=np.int32)
