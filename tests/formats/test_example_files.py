@@ -1,5 +1,6 @@
 """Scenes named `example:NAME`, in Python as on the command line."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,18 @@ def test_names_of_examples_are_their_files(name):
 def test_other_names_are_paths():
     assert scene_path("a/example:temple") == Path("a/example:temple")
     assert scene_path(Path("temple")) == Path("temple")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="file names have no colons there")
+@pytest.mark.parametrize("name", ["example:mine.obj", "./example:mine.obj", "procedural:mine.obj"])
+def test_files_whose_names_begin_as_those_of_examples_are_read(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    Path(name).write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    assert at.load(name).n_triangles == at.load(Path(name)).n_triangles == 1
+    Path("example:mill").mkdir()
+    assert at.load("example:mill").name == "mill" and at.load("example:mill").n_triangles > 1
+    with pytest.raises(InputError, match="no example scene"):
+        at.load("example:" + 300 * "a")
 
 
 def test_functions_take_the_name_of_an_example():

@@ -1,5 +1,8 @@
 """Chunks are read a little ahead of the rays, and further where rays need what was read."""
 
+from concurrent.futures import Future
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -58,6 +61,35 @@ def test_few_chunks_are_read_that_nothing_needs(residency):
     assert _traced(residency, still) == [*first, last]
     assert set(np.flatnonzero(residency.traced)) == {*first, last}
     assert GROUP <= len(first) <= AHEAD < residency.paging.loaded <= 3 * AHEAD + 1
+
+
+class _Later(Future):
+    """A chunk that is read when it is waited for, as on a slow disk."""
+
+    def __init__(self, read):
+        super().__init__()
+        self._read = read
+
+    def done(self):
+        return False
+
+    def result(self, timeout=None):
+        return self._read()
+
+
+def test_fewer_chunks_are_read_ahead_than_already_come_once_few_are_needed(residency, monkeypatch):
+    """Those that come already, on a slow disk, are more than are read ahead from then on."""
+    monkeypatch.setattr(residency._reader, "submit", lambda read, k: _Later(partial(read, k)))
+    request, surplus = residency._request, list[int]()
+
+    def requested(missing, coming, mark):
+        surplus.append(len(coming) - residency._ahead)
+        request(missing, coming, mark)
+
+    monkeypatch.setattr(residency, "_request", requested)
+    still = lambda chunks: np.array([k not in residency or k < 3 * GROUP for k in chunks.tolist()])
+    assert _traced(residency, still) == list(range(3 * GROUP))
+    assert max(surplus) > 0 and residency.pending == 0 and residency.paging.loaded == len(residency.store)
 
 
 def test_chunks_that_come_twice_in_a_band_are_counted(store):

@@ -1,5 +1,6 @@
 """Names of scenes: `example:NAME` for those that come with the package, and paths for all others."""
 
+import os
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -50,7 +51,7 @@ def file_of(name: str) -> Path:
 
 
 def scene_path(value: Any, what: str = "scene") -> Path:
-    """The path of a scene, which may be named ``example:NAME``.
+    """The path of a scene, which may be named ``example:NAME``. Other names that begin so may be those of files.
 
     Raises
     ------
@@ -59,7 +60,11 @@ def scene_path(value: Any, what: str = "scene") -> Path:
     """
     path = path_of(value, what)
     name = str(path)
-    if name.startswith(PROCEDURAL_PREFIX):
+    if name.startswith(EXAMPLE_PREFIX):
+        example = name.removeprefix(EXAMPLE_PREFIX)
+        if example in EXAMPLES or not os.path.exists(path):
+            return file_of(example)
+    elif name.startswith(PROCEDURAL_PREFIX) and not os.path.exists(path):
         scene = name.removeprefix(PROCEDURAL_PREFIX).partition("?")[0]
         raise InputError(f'{what} is {quoted(name)}; in Python, call at.procedural("{scene}", triangles, seed)')
-    return file_of(name.removeprefix(EXAMPLE_PREFIX)) if name.startswith(EXAMPLE_PREFIX) else path
+    return path

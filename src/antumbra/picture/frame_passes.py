@@ -174,11 +174,11 @@ def evaluate(state: FrameState) -> None:
 
 
 class _TracedBand(NamedTuple):
-    """The rows of a band, with what its rays have found."""
+    """The rows of a band, with what its rays have found, without their queries, which would take more memory."""
 
     rows: slice
     surfaces: Surfaces
-    traced: list[TracedQuery]
+    bits: list[NDArray[np.uint64]]
     irradiance: NDArray[np.float32] | None  # see `diffuse`; None: it is not traced with the band
 
 
@@ -193,13 +193,14 @@ def find_and_trace(state: FrameState) -> tuple[Surfaces, list[TracedQuery], NDAr
     for rows in state.tracer.bands(request.camera.height):
         surfaces = find_surfaces(state, rows)
         traced = trace(state, surfaces, rows)
-        bands.append(_TracedBand(rows, surfaces, traced, diffuse(state, surfaces, traced) if bounced else None))
+        irradiance = diffuse(state, surfaces, traced) if bounced else None
+        bands.append(_TracedBand(rows, surfaces, [each.bits for each in traced], irradiance))
     if len(bands) == 1:
-        return bands[0][1:]
+        return surfaces, traced, irradiance
     bands.sort(key=lambda band: band.rows.start)
     surfaces = join_bands([band.surfaces for band in bands])
     state.tracer.triangles = surfaces.triangles
-    bits = [np.concatenate([each.bits for each in of_light]) for of_light in zip(*(band.traced for band in bands))]
+    bits = [np.concatenate(of_light) for of_light in zip(*(band.bits for band in bands))]
     queries = queries_of(state, surfaces, request.samples)
     traced = [state.tracer.traced_query(query, words) for query, words in zip(queries, bits)]
     irradiance = np.concatenate([band.irradiance for band in bands if band.irradiance is not None]) if bounced else None

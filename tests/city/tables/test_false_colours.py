@@ -150,3 +150,13 @@ def test_pictures_of_losses_tell_gains_from_none(tmp_path):
     drawn = picture(made, tmp_path, "hours_loss")
     assert (drawn == gain).all(-1).any()
     made.save(tmp_path / "a.glb", "hours_loss")
+
+
+def test_azimuths_counts_and_verdicts_are_not_interpolated():
+    """Between 1 and 359 degrees lies north, not south."""
+    made = table("grid")
+    n = len(made.sensors)
+    made.columns["azimuth"] = Column(np.where(np.arange(n) % 2, 1.0, 359.0), "degrees", "faces")
+    made.columns["passes"] = Column(np.arange(n) % 2 == 0, "", "meets the rule")
+    smooth = {name: false_colours.is_smooth(made, name) for name in ("hours", "azimuth", "passes", "count")}
+    assert smooth == {"hours": True, "azimuth": False, "passes": False, "count": False}

@@ -87,6 +87,49 @@ def test_places_beside_all_sensors_of_a_strip_have_the_value_of_one():
     assert (found == 7.0).all()
 
 
+@pytest.mark.parametrize("smooth", [True, False])
+@pytest.mark.parametrize("half", [1.0, 3.0])
+def test_places_nearest_to_sensors_without_a_value_have_none(smooth, half):
+    """However far the next sensor with a value is."""
+    scene = floor_and()
+    sensors = at.grid_sensors(scene, 1.0)
+    hole = (np.abs(sensors.points[:, :2] - 4.5) < half).all(1)
+    values = np.where(hole, np.nan, sensors.points[:, 0])
+    at_sensors = shown(scene, sensors, values, sensors.points, (0, 0, 1), sensors.faces, smooth)
+    assert 0 < hole.sum() < len(hole) and np.array_equal(np.isnan(at_sensors), hole)
+    np.testing.assert_allclose(at_sensors[~hole], values[~hole], atol=1e-9)
+    x, y = np.random.default_rng(5).uniform(0.6, 8.4, (2, 500))
+    found = shown(scene, sensors, values, np.stack([x, y, 0 * x], 1), (0, 0, 1), faces_at(x, y), smooth)
+    away = np.abs(np.stack([x, y], 1)[:, None] - sensors.points[:, :2]).max(2)
+    inside = np.sort(away, 1)[:, 0] < 0.45  # nearer to one sensor than to any other
+    assert inside.sum() > 300 and (np.isnan(found) == hole[away.argmin(1)])[inside].all()
+
+
+def test_sensors_may_be_given_twice_lie_on_no_face_or_lack_normals_and_areas():
+    scene = floor_and()
+    sensors = at.grid_sensors(scene, 1.0)
+    on_faces = sensors.points, (0, 0, 1), sensors.faces
+    twice = at.Sensors(*(np.concatenate([each, each[:9]]) for each in sensors_fields(sensors)), "grid")
+    values = sensors.points[:, 0] - sensors.points[:, 1]
+    assert spacing_of(at.Sensors(*(each[[0, 0]] for each in sensors_fields(sensors)), "grid")) > 0.0
+    both = np.concatenate([values, values[:9]])
+    np.testing.assert_allclose(shown(scene, twice, both, *on_faces), values, atol=1e-9)
+    bare = at.Sensors(sensors.points, None, None, sensors.faces, "grid")
+    assert np.array_equal(shown(scene, bare, values, *on_faces), values)
+    wall = FLOOR[..., [0, 2, 1]] + (0, 9, 0)
+    with_wall = floor_and(wall)
+    faces = np.where(sensors.faces == 1, -1, 0)
+    part = at.Sensors(sensors.points, sensors.normals, sensors.areas, faces, "grid")
+    found = shown(with_wall, part, values, [[8, 1, 0], [1, 8, 0], [1, 9, 8]], (0, 0, 1), [0, 1, 3])
+    assert np.isfinite(found).tolist() == [True, False, False]
+    none = at.Sensors(np.empty((0, 3)), np.empty((0, 3)), np.empty(0), np.empty(0, int), "grid")
+    assert np.isnan(shown(scene, none, [], *on_faces)).all()
+
+
+def sensors_fields(sensors):
+    return sensors.points, sensors.normals, sensors.areas, sensors.faces
+
+
 def test_values_of_vertices_are_interpolated_in_their_face():
     scene = floor_and()
     sensors = at.vertex_sensors(scene)

@@ -15,6 +15,7 @@ import antumbra as at
 from antumbra.engine.sources import paged_source
 from antumbra.engine.sources.paged_source import Bands
 from antumbra.engine.store_building import build_store
+from antumbra.picture import frame_passes
 from antumbra.picture.frame_request import TimeSample
 from antumbra.picture.renderer import Renderer
 from antumbra.picture.traversal_steps import explain
@@ -103,6 +104,23 @@ def test_bands_of_a_picture_too_large_for_memory(city, monkeypatch):
         np.testing.assert_array_equal(frame.indirect, inside.indirect)
     assert len(cuts[0]) > 1  # later frames may pause bands
     assert all(max(band.stop for band in rows) == 300 for rows in cuts)
+    renderer.source.residency.close()
+
+
+def test_queries_of_earlier_bands_are_freed(city, monkeypatch):
+    """They would take more memory than the surfaces and the bits of these bands, which is all that counts as theirs."""
+    scene, path = city
+    renderer, begun, trace = _renderer(path, 3), list[weakref.ref](), frame_passes.trace
+
+    def noted(*arguments):
+        assert all(each() is None for each in begun[:-1])  # the last one's are still in use
+        traced = trace(*arguments)
+        begun.append(weakref.ref(traced[0].query.origins))
+        return traced
+
+    monkeypatch.setattr(frame_passes, "trace", noted)
+    renderer.render(scene.cameras[0].resized(24, 200), [LIGHT])
+    assert len(begun) > 2
     renderer.source.residency.close()
 
 

@@ -237,8 +237,11 @@ def _shade(normals: np.ndarray, camera: Camera, up: str) -> NDArray[np.float64]:
 
 
 def is_smooth(table: Any, name: str) -> bool:
-    """Whether numbers between those of two sensors mean something: not so of counts, numbers of faces and verdicts."""
-    return bool(table[name].dtype.kind == "f")
+    """Whether numbers between those of two sensors mean something.
+
+    Not so of counts, numbers of faces and verdicts, nor of azimuths: south lies between two that are nearly north.
+    """
+    return bool(table[name].dtype.kind == "f" and name != "azimuth")
 
 
 def _shows_points(table: Any) -> bool:

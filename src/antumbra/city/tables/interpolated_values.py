@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...kernels.small_matrices import dot
+from ...query.nearest_points import PointTree
 from ..sensors.sensors import Sensors
 from ..sensors.surface_grid import plane_axes
 
@@ -37,40 +38,54 @@ def values_on_surfaces(
 ) -> NDArray[np.float64]:
     """(k,) float64: values at points of surfaces, NaN where there are none.
 
-    Faces whose sensors were left out, such as roofs in a study of walls, have no value. The two sides of a wall keep
-    separate values.
+    Faces whose sensors were left out, such as roofs in a study of walls, have no value, nor have places whose nearest
+    sensor has none. The two sides of a wall keep separate values.
 
     sensors : of kind "face", "vertex" or "grid"
     corners : (faces, 3, 3), world
     smooth : whether values lie on a continuous scale; otherwise, each place has the value of one sensor
     """
+    if not len(sensors):
+        return np.full(len(places.points), np.nan)
     if sensors.kind == "face":
         assert sensors.faces is not None
         return np.asarray(_of_faces(sensors.faces, values, len(corners))[places.faces])
     if sensors.kind == "vertex":
         return _between_corners(sensors, values, places, corners, smooth)
-    assert sensors.faces is not None and sensors.normals is not None and sensors.areas is not None
+    assert sensors.faces is not None
+    if sensors.normals is None or sensors.areas is None:
+        return _of_nearest(sensors.points, sensors.faces, values, places)
     found = np.asarray(_of_faces(sensors.faces, values, len(corners))[places.faces])
-    spacing = spacing_of(sensors)
+    spacing, on_faces = spacing_of(sensors), np.flatnonzero(sensors.faces >= 0)
     small = np.zeros(len(corners), bool)
-    small[sensors.faces] = sensors.areas < _SMALL * spacing * spacing
+    small[sensors.faces[on_faces]] = sensors.areas[on_faces] < _SMALL * spacing * spacing
     open_places = np.flatnonzero(np.isin(places.faces, sensors.faces) & ~small[places.faces])
-    grid = _grid_of(sensors, np.flatnonzero(~small[sensors.faces]), corners)
+    grid = _grid_of(sensors, on_faces[~small[sensors.faces[on_faces]]], corners)
     for reach in _REACHES if len(grid.points) else ():
         cells, rest = _cells_of(grid.points, 2.0 * reach * spacing), []
         for first in range(0, len(open_places), _BATCH):
             batch = open_places[first : first + _BATCH]
-            some = _weighted(grid, values, cells, places.at(batch), up, smooth)
-            found[batch] = np.where(np.isfinite(some), some, found[batch])
-            rest.append(batch[~np.isfinite(some)])
+            some, reached = _weighted(grid, values, cells, places.at(batch), up, smooth)
+            found[batch[reached]] = some[reached]
+            rest.append(batch[~reached])
         open_places = np.concatenate([np.empty(0, np.int64), *rest])
     return found
 
 
 def _of_faces(faces: NDArray[np.int64], values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
     of_face = np.full(count, np.nan)
-    of_face[faces] = values
+    of_face[faces[faces >= 0]] = values[faces >= 0]
     return of_face
+
+
+def _of_nearest(
+    points: NDArray[np.float64], faces: NDArray[np.int64], values: NDArray[np.float64], places: Places
+) -> NDArray[np.float64]:
+    """The values of the nearest sensors, whose normals or areas are unknown, on faces that have any."""
+    found = np.full(len(places.points), np.nan)
+    on = np.isin(places.faces, faces)
+    found[on] = values[PointTree(points).nearest(places.points[on]).indices]
+    return found
 
 
 def _between_corners(
@@ -95,9 +110,10 @@ def spacing_of(sensors: Sensors) -> float:
     """The spacing of surface grids: the least distance of neighbours on a face, or the mean one of single sensors."""
     assert sensors.areas is not None and sensors.faces is not None
     same = sensors.faces[1:] == sensors.faces[:-1]
-    if not same.any():
-        return float(np.sqrt(np.mean(sensors.areas))) if len(sensors) else 1.0
-    return float(np.linalg.norm(sensors.points[1:][same] - sensors.points[:-1][same], axis=1).min())
+    away = np.linalg.norm(sensors.points[1:][same] - sensors.points[:-1][same], axis=1)
+    if not (away > 0.0).any():  # some may be given twice
+        return float(np.sqrt(np.mean(sensors.areas)))
+    return float(away[away > 0.0].min())
 
 
 # --- Between the sensors of a grid ------------------------------------------------------------------------------------
@@ -148,8 +164,11 @@ def _cells_of(points: NDArray[np.float64], width: float) -> _Cells:
 
 def _weighted(
     grid: _Grid, values: NDArray[np.float64], cells: _Cells, places: Places, up: str, smooth: bool
-) -> NDArray[np.float64]:
-    """The weighted means of the sensors around places, or the values of those with the largest weights."""
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """The weighted means of the sensors around places, or the values of those with the largest weights.
+
+    Where the sensor with the largest weight has no value, neither has the place. Returns also whether any is in reach.
+    """
     plane = plane_axes(places.normals.astype(np.float64), "xyz".index(up))
     totals, sums, best = np.zeros((3, len(places.points)))
     nearest = np.full(len(places.points), np.nan)
@@ -164,17 +183,16 @@ def _weighted(
             axes = plane[0][active], plane[1][active]
             weight = _weights(grid, sensor, places.at(active), axes, cells.width / 2.0)
             value = values[grid.rows[sensor]]
-            weight[~np.isfinite(value)] = 0.0
-            totals[active] += weight
+            totals[active] += weight * np.isfinite(value)
             sums[active] += weight * np.nan_to_num(value)
             better = weight > best[active]
             best[active[better]], nearest[active[better]] = weight[better], value[better]
             k += 1
             more = cells.counts[slot] > k
             active, slot = active[more], slot[more]
-    if not smooth:
-        return nearest
-    return np.asarray(np.divide(sums, totals, out=np.full(len(sums), np.nan), where=totals > 0.0))
+    if smooth:
+        np.divide(sums, totals, out=nearest, where=np.isfinite(nearest))
+    return nearest, best > 0.0
 
 
 def _weights(
