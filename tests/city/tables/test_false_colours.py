@@ -160,3 +160,13 @@ def test_azimuths_counts_and_verdicts_are_not_interpolated():
     made.columns["passes"] = Column(np.arange(n) % 2 == 0, "", "meets the rule")
     smooth = {name: false_colours.is_smooth(made, name) for name in ("hours", "azimuth", "passes", "count")}
     assert smooth == {"hours": True, "azimuth": False, "passes": False, "count": False}
+
+
+@pytest.mark.parametrize("suffix", ["png", "glb"])
+@pytest.mark.parametrize("kind", ["face", "raster", "points"])
+def test_a_table_without_a_scene_has_no_picture_and_no_model(tmp_path, kind, suffix):
+    made = table(kind)
+    made.scene = None
+    with pytest.raises(at.InputError, match="the table has no scene"):
+        made.save(tmp_path / f"a.{suffix}", "count")
+    assert not list(tmp_path.iterdir())

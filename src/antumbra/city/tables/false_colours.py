@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.errors import InputError
 from ...engine.scene import AnyScene
 from ...formats.gltf.gltf_writer import TRIANGLES, GltfWriter, Json, up_axis_transform
 from ...kernels.elementary import atan, tan
@@ -160,8 +161,8 @@ def _map(
 
     Values on a continuous scale are interpolated. Slopes are shaded as on maps, level cells have the legend's colours.
     """
-    raster = table.sensors.raster
-    assert raster is not None and table.scene is not None
+    raster, scene = table.sensors.raster, _shown_scene(table)
+    assert raster is not None
     cells = table.sensors.on_raster(values)
     magnification = max(1, _SIZE // max(cells.shape))
     step = -(-max(cells.shape) // _MOST_PIXELS)
@@ -170,13 +171,20 @@ def _map(
     cells = cells[::step, ::step]
     fine = smooth_cells(cells, magnification) if smooth else cells.repeat(magnification, 0).repeat(magnification, 1)
     known = np.isfinite(fine)
-    shade = brightness(hillshade(table.scene, extent, fine.shape[1], fine.shape[0]))[..., None]
+    shade = brightness(hillshade(scene, extent, fine.shape[1], fine.shape[0]))[..., None]
     colours = np.minimum(scale.colours(np.nan_to_num(fine), known) * shade, 255.0).round().astype(np.uint8)
     colours[~known] = _NOWHERE
     marks = _marks(table)
-    north = marks[:, 1] if table.scene.up == "z" else -marks[:, 2]
+    north = marks[:, 1] if scene.up == "z" else -marks[:, 2]
     places = np.stack([marks[:, 0] - raster.west, raster.north - north], 1) * (magnification / step / raster.spacing)
     return colours, places
+
+
+def _shown_scene(table: Any) -> AnyScene:
+    scene: AnyScene | None = table.scene
+    if scene is None:
+        raise InputError("the table has no scene, which pictures and models show; give the table a scene")
+    return scene
 
 
 def _marks(table: Any) -> NDArray[np.float64]:
@@ -187,8 +195,7 @@ def _view(
     table: Any, values: np.ndarray, scale: Scale | SheetScale, smooth: bool
 ) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
     """The scene in the colours of its sensors, shaded; and the pixels of the marks."""
-    scene = table.scene
-    assert scene is not None
+    scene = _shown_scene(table)
     extent_points = corners_of(scene).reshape(-1, 3) if table.sensors.kind == "points" else table.sensors.points
     camera = table.camera or _close_camera(np.concatenate([extent_points, _marks(table)]), scene.up)
     finer = _FINER if camera.width * camera.height <= _MOST_FINE else 1
@@ -301,8 +308,7 @@ def coloured_model(table: Any, name: str) -> bytes:
 
     Coordinates are relative to the scene's `origin`, since glTF stores float32; the asset's `extras` record the origin.
     """
-    sensors, scene = table.sensors, table.scene
-    assert scene is not None
+    sensors, scene = table.sensors, _shown_scene(table)
     values, known = column_values(table, name)
     scale = column_scale(table[name], known, name)
     sensor_colours = srgb_to_linear(scale.colours(np.nan_to_num(values), known) / 255.0)
