@@ -50,6 +50,7 @@ def test_each_column_has_its_own_title_and_legend(tmp_path, monkeypatch):
     monkeypatch.setattr(
         false_colours, "panel_sheet", lambda panels, bar, paper: told.append((panels, bar)) or np.zeros((4, 4, 3), "u1")
     )
+    monkeypatch.setattr(false_colours, "brightness", np.ones_like)
     made = table("raster")
     made.columns["hours"] = Column(np.linspace(0.0, 12.0, 120), "h", "hours of direct sun")
     made.columns["passes"] = Column(np.arange(120) % 2 == 0, "", "whether the sensor meets the rule")

@@ -122,7 +122,7 @@ class SheetScale(NamedTuple):
             colours = np.array([each.colour for each in classes], np.uint8).repeat(-(-1024 // n), 0)
             return ColourBar(colours, [((k + 0.5) / n, each.name) for k, each in enumerate(classes)], caption)
         low, span = self.scale.low, self.scale.span or 1.0
-        digits = _DIGITS - math.floor(math.log10(span)) if span > 0.0 else _DIGITS
+        digits = _DIGITS - int(f"{span:e}".partition("e")[2])  # the exponent of ten, without a logarithm's rounding
         ticks = [((tick - low) / span, f"{round(tick, digits) + 0.0:,.6g}") for tick in self.scale.ticks()]
         return ColourBar(self.scale.colours(np.linspace(low, low + span, 1024)), ticks, caption)
 

@@ -486,6 +486,7 @@ def _farthest_outside(block, k, low, high):
 @kernel
 def _possible_triangles_of_box(group, node, block, ways):
     """Bits of the triangles among 16 that may block rays of one box: `_possible_boxes` with the roles exchanged."""
+    # In: group, the boxes of a group of nodes; node, its number in the group; block, 16 triangles; ways, of a group
     low = Vec3(broadcast16(group, node), broadcast16(group, 2 * ways + node), broadcast16(group, 4 * ways + node))
     node += ways
     high = Vec3(broadcast16(group, node), broadcast16(group, 2 * ways + node), broadcast16(group, 4 * ways + node))

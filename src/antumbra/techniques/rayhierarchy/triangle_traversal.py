@@ -252,7 +252,8 @@ def _visit_block(tree, place, pair, rows, queues, below, counters):
 
     -1: each triangle should be tested alone, because they meet as many nodes as there are triangles.
     """
-    # In: place, (part, level) of the group; pair, a `QueuedBlock`; below, length of the next queue
+    # In: tree; place, (part, level) of the group; pair, a `QueuedBlock`; rows, of the batch; queues, a `Queues`;
+    # below, the length of the next queue. Out: counters
     (part, level), (row, lanes, group) = place, pair
     at, block = groups_of(tree, part, level) + group, row_at(rows, row)
     numbers = group_at(tree, at)
