@@ -182,6 +182,15 @@ def test_what_is_measured_is_kept_and_scales_the_rates(tmp_path, monkeypatch):
         cost_model.machine_rates.cache_clear()
 
 
+def test_tracers_that_were_not_measured_are_as_slow_as_the_others(monkeypatch):
+    """Else those without a tree would be chosen wherever a busy or slow machine was measured."""
+    for slower, expected in (({}, 1.0), ({"single": 1.4}, 1.4), ({"single": 1.4, "wide": 1.1, "packet16": 1.2}, 1.2)):
+        rates = cost_model.SHIPPED._replace(slower=slower)
+        monkeypatch.setattr(cost_model, "machine_rates", lambda rates=rates: rates)
+        assert cost_model.slowness("cones") == expected
+    assert cost_model.slowness("single") == 1.4
+
+
 def test_nothing_pays_twice():
     assert cost_model.choose_builder(1000, 0.0, True) == QUICK and cost_model.choose_builder(1000, 1.0, True) == GUIDED
     assert cost_model.choose_builder(1000, 1.0, False) == GOOD

@@ -64,6 +64,7 @@ from .auto.cost_model import (
     predicted_rate,
     refit_seconds,
     select_seconds,
+    slowness,
     tree_seconds,
 )
 from .auto.kernel_loads import KernelLoads
@@ -283,11 +284,12 @@ class AutoAccelerator(Accelerator):
             cost = tracer.cost
             if not isinstance(cost, TreelessCost) or not all(tracer.suits(query, extent.box) for query in queries):
                 continue
-            seconds = 1e-9 * sum(f.rays * cost.rate(f._replace(triangles=n)) for f in forecast.features)
+            unit = 1e-9 * slowness(name)
+            seconds = unit * sum(f.rays * cost.rate(f._replace(triangles=n)) for f in forecast.features)
             if not is_compiled(f"{name} (raster)") or not _loads.pays(name, with_tree - seconds, cost.load):
                 continue
             if cost.candidate and with_tree > _WORTH_SAMPLING and n > _FEW_TRIANGLES:
-                seconds += 1e-9 * cost.candidate * candidates(name)
+                seconds += unit * cost.candidate * candidates(name)
             if seconds < with_tree:
                 return name
         return None

@@ -98,7 +98,17 @@ def predicted_rate(tracer: str, features: QueryFeatures) -> float:
     rate = cost_of(tracer).rate(features if features.receivers else features._replace(receivers=1))
     if not rate >= 0.0:
         raise InputError(f"tracer {tracer!r} states {rate} nanoseconds per ray; its cost must be a positive number")
-    return 1e-9 * min(rate, _NEVER) * machine_rates().slower.get(tracer, 1.0)
+    return 1e-9 * min(rate, _NEVER) * slowness(tracer)
+
+
+def slowness(tracer: str) -> float:
+    """The time of a tracer's rays on this machine relative to the rate that it states.
+
+    Of a tracer that was not measured, such as one without a tree: the median of the others, since mostly the processor
+    makes the difference, and predictions of tracers are compared.
+    """
+    measured = machine_rates().slower
+    return measured.get(tracer, sorted(measured.values())[len(measured) // 2] if measured else 1.0)
 
 
 def form_seconds(tracer: str | None, triangles: int) -> float:
