@@ -12,7 +12,7 @@ import antumbra as at
 
 PLACE = at.Place(52.0, 4.36, timezone="Europe/Amsterdam")
 SPRING = "2026-03-21"
-_CREDITS = "A scene that antumbra generated"
+_CREDITS = f"Scene and page made with Antumbra {at.__version__}"
 
 
 def _camera(eye: tuple[float, ...], target: tuple[float, ...], vfov: float) -> at.Camera:
@@ -26,7 +26,14 @@ def _city_view() -> at.Camera:
 def city(path: Path) -> None:
     """The shadows of a city, which are long in the morning."""
     scene = at.procedural("city", triangles=50_000)
-    scene.page(path, title="A city", when=f"{SPRING}T07:45", place=PLACE, camera=_city_view(), credits=_CREDITS)
+    scene.page(
+        path,
+        title="Shadows of a city, 21 March",
+        when=f"{SPRING}T07:45",
+        place=PLACE,
+        camera=_city_view(),
+        credits=_CREDITS,
+    )
 
 
 def village(path: Path) -> None:
@@ -47,7 +54,9 @@ def courtyard(path: Path) -> None:
     with tempfile.TemporaryDirectory() as folder:
         baked = at.bake(at.procedural("atrium", triangles=20_000), Path(folder, "courtyard.glb"), spp=256)
     view = _camera((2.0, 2.4, 6.5), (0.0, 2.6, 0.0), 75.0)
-    baked.page(path, title="A courtyard", when="2026-06-21T13:00", place=PLACE, camera=view, credits=_CREDITS)
+    baked.page(
+        path, title="How much sky a courtyard sees", when="2026-06-21T13:00", place=PLACE, camera=view, credits=_CREDITS
+    )
 
 
 PAGES: dict[str, Callable[[Path], None]] = {"city": city, "village": village, "hours": hours, "courtyard": courtyard}

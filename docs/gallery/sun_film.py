@@ -24,4 +24,6 @@ for towards in suns.directions:
     frame = renderer.render(camera, [sun, at.Sky(intensity=0.6)], spp=SPP)
     frame.save("hour.png", exposure=1.0)
     film.append(Image.open("hour.png").convert("RGB"))
-film[0].save("sun_film.webp", save_all=True, append_images=film[1:], duration=90, loop=0, quality=62, method=6)
+film = film[3:] + film[:3]  # begins with the long shadows of the morning
+whole = {"save_all": True, "kmax": 1, "quality": 74, "method": 4}  # each frame whole, as parts of frames show their edges
+film[0].save("sun_film.webp", append_images=film[1:], duration=90, loop=0, **whole)

@@ -22,6 +22,23 @@ const [IN_SIGHT, OUT_OF_SIGHT] = [
 /** Days that stand for a year, and minutes of the intervals of those days. */
 const [MONTHLY, YEAR_STEP] = ["21", 60];
 
+/**
+ * Name the controls, which are seen before the rays are ready.
+ * @param {Words} words
+ * @param {Place | null} place
+ */
+export function nameLayers(words, place) {
+  label("show", words.show);
+  label("eye", words.eyeHeight);
+  const kinds = {
+    light: words.light,
+    seen: words.seen,
+    ...(place && { day: words.sunDay, year: words.sunYear }),
+  };
+  for (const [kind, text] of Object.entries(kinds)) part("show").add(new Option(text, kind));
+  showEye();
+}
+
 export class LayerControls {
   /** @type {Painting | null} */ #painting = null;
   /** @type {Spot | null} */ #spot = null;
@@ -53,18 +70,9 @@ export class LayerControls {
     this.side = divider ? `${words.after}: ` : "";
     this.failed = failed;
     this.overlay = new Overlay(part("overlay"), pool, camera, failed);
-    label("show", words.show);
-    label("eye", words.eyeHeight);
-    const kinds = {
-      light: words.light,
-      seen: words.seen,
-      ...(sun.place && { day: words.sunDay, year: words.sunYear }),
-    };
-    for (const [kind, text] of Object.entries(kinds)) part("show").add(new Option(text, kind));
     part("show").addEventListener("change", () => this.#choose(part("show").value).catch(failed));
     part("eye").addEventListener("input", () => this.#kind === "seen" && this.#showSight());
     part("paint").addEventListener("click", () => this.#press());
-    showEye();
     for (const event of ["pointermove", "pointerdown"])
       part("picture").addEventListener(event, (/** @type {PointerEvent} */ { offsetX, offsetY }) =>
         this.#point(offsetX, offsetY),

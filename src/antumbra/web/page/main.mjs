@@ -6,7 +6,7 @@ import { lookOf } from "./appearance.mjs";
 import { AFTER, BEFORE, Divider } from "./before_after.mjs";
 import { digestOf, missing, numberText, reasonOf, recordOf, verdictOf } from "./checks.mjs";
 import { drawLegend } from "./layer.mjs";
-import { LayerControls } from "./layer_controls.mjs";
+import { LayerControls, nameLayers } from "./layer_controls.mjs";
 import { Ruler } from "./measure.mjs";
 import { follow, Orbit } from "./orbit.mjs";
 import { part } from "./parts.mjs";
@@ -24,6 +24,7 @@ import { fill, WORDS } from "./words.mjs";
 /** @typedef {import("./words.mjs").Words} Words */
 
 const STILL_SAMPLES = 16; // of the still
+const LONGEST_STILL = 5000; // milliseconds after which the day plays even if no picture is as fine as the still
 
 class Page {
   /**
@@ -61,6 +62,8 @@ class Page {
     this.digest = /** @type {Promise<string | null>} */ (Promise.resolve(null));
     this.proved = true;
     this.firstView = ""; // that the still shows
+    this.patient = true; // the still may stay
+    this.opened = false; // the pictures are seen
   }
 
   async open() {
@@ -78,11 +81,14 @@ class Page {
       throw new Error(reasonOf(error, words, about.triangles, words.damaged));
     });
     part("data").remove();
-    this.#progress(words.building, 1);
+    this.#progress(words.building, null);
     await pause();
     Object.assign(this.answers, { objectOf: arrays.objectOf, states: arrays.states ?? null });
     if (about.layer) this.answers.values = new SurfaceValues(about.layer, arrays);
     await this.#start(arrays);
+    this.#progress(words.drawing, null);
+    part("opening").hidden = Boolean(document.getElementById("still")) && !document.body.dataset.failed;
+    part("sun").inert = false;
     this.#draw(arrays.states ?? null);
     await this.#prove(arrays);
   }
@@ -129,8 +135,13 @@ class Page {
       (x, y) => this.#ask(x, y).catch(failed),
     );
     new ResizeObserver(() => this.changed()).observe(canvas);
+    this.#say(0);
     this.changed();
     this.firstView = this.#view();
+    setTimeout(() => {
+      this.patient = !plays();
+      if (document.body.dataset.samples) this.#open();
+    }, LONGEST_STILL);
     for (const picture of this.pictures) picture.run().catch(failed);
   }
 
@@ -139,21 +150,34 @@ class Page {
     return JSON.stringify([this.camera.rays(100, 100), this.sun.setting]);
   }
 
+  /** @param {number} samples of the picture */
+  #say(samples) {
+    const done = this.pictures.every((picture) => picture.samples === picture.most);
+    const drawing = fill(this.words.samples, { n: samples, all: SAMPLES });
+    part("samples").textContent = done ? "" : ` · ${drawing}`;
+  }
+
   #count() {
-    const { pictures, words } = this;
+    const { pictures } = this;
     const samples = Math.min(...pictures.map((picture) => picture.samples));
-    const done = pictures.every((picture) => picture.samples === picture.most);
-    part("samples").textContent = done ? "" : ` · ${fill(words.samples, { n: samples, all: SAMPLES })}`;
+    this.#say(samples);
     document.body.dataset.samples = String(samples);
+    this.sun.drawn = true;
+    this.#open();
+  }
+
+  /** A picture is there: show it once it is as fine as the still, or the still no longer shows the view. */
+  #open() {
     if (this.opened) return;
+    const { pictures } = this;
     const still = document.getElementById("still");
     const shows = pictures.length === 1 && !this.about.layer && this.#view() === this.firstView;
-    if (still && shows && samples < STILL_SAMPLES) return; // the still is better
+    if (still && shows && this.patient && pictures[0].samples < STILL_SAMPLES) return;
     this.opened = true;
+    part("opening").hidden = !document.body.dataset.failed;
     still?.classList.add("fading");
     still?.addEventListener("transitionend", () => still.remove());
-    part("opening").hidden = !document.body.dataset.failed;
-    if (new URLSearchParams(location.search).has("play")) this.sun.playOnce();
+    if (plays()) this.sun.playOnce();
   }
 
   /** @param {any} error */
@@ -223,11 +247,12 @@ class Page {
 
   /**
    * @param {string} what
-   * @param {number} share
+   * @param {number | null} share null: unknown
    */
   #progress(what, share) {
     if (part("doing").textContent !== what) part("doing").textContent = what; // so that it is said once
-    part("progress").value = share;
+    if (share === null) part("progress").removeAttribute("value");
+    else part("progress").value = share;
   }
 
   #label() {
@@ -244,7 +269,8 @@ class Page {
       part("layer").textContent = about.layer.unit ? `${about.layer.name} (${about.layer.unit})` : about.layer.name;
       part("painted").addEventListener("change", () => this.changed());
     }
-    part("about").textContent = fill(words.scene, { triangles: numberText(about.triangles), digest: about.digest });
+    nameLayers(words, about.place);
+    part("about").textContent = fill(words.scene, { triangles: numberText(about.triangles) });
   }
 }
 
@@ -256,6 +282,11 @@ class Page {
  */
 function indicesIn(indices, states, state) {
   return indices.map((vertex, k) => (states[Math.floor(k / 3)] & (1 << state) ? vertex : 0));
+}
+
+/** Whether the address asks to play the day; not for people who prefer less motion. */
+function plays() {
+  return new URLSearchParams(location.search).has("play") && !matchMedia("(prefers-reduced-motion: reduce)").matches;
 }
 
 if (typeof document === "undefined") serve();

@@ -9,8 +9,12 @@ import { backdrop, dimmed, exposureOf, toScreen } from "./tone.mjs";
 
 export const SAMPLES = 64; // of a light for each pixel, of the finished picture
 const MOST_PIXELS = 1_000_000;
-const COARSE = 12_000; // pixels of the first picture after a change, for each worker, at least
-const PROMPT = 80; // milliseconds in which that picture is to be drawn
+const LEAST = 6000; // pixels of the picture that finds the ambient light and the speed
+const COARSE = 12_000; // pixels of the first picture after a change, at least, as wider frusta save hardly any time;
+const SLOW = 300; // and as many for each worker, if they can be drawn in so many milliseconds,
+const PROMPT = 80; // or what can be drawn in so many, if that is more
+const STEP = 4; // times as many pixels has the next picture, or more,
+const SOON = 1000; // if these can be drawn in so many milliseconds
 const FORGET = 0.8; // share of the speed that counts after a slower picture, as another task may have slowed it down
 const BAND = 32_000; // pixels of a job, about
 const TILE = 4; // rows of a job are a multiple of it, since kernels take pixels by 4 x 4
@@ -84,22 +88,27 @@ export class Picture {
   /** @param {number} change */
   async #draw(change) {
     const [width, height] = this.#size();
-    const most = Math.max(COARSE * this.pool.size, this.#speed * PROMPT);
-    const coarse = Math.max(1, Math.sqrt((width * height) / most));
-    const [w, h] = [Math.ceil(width / coarse), Math.ceil(height / coarse)];
     this.samples = 0;
     this.#coarse = true;
-    if (!this.#ambient) await this.#pass(w, h, 0, null); // finds the ambient light
-    const begin = performance.now();
-    const first = await this.#pass(w, h, 0, null);
-    this.#speed = Math.max(FORGET * this.#speed, (w * h) / Math.max(1, performance.now() - begin));
+    if (!this.#ambient) await this.#timed(LEAST, null); // finds the ambient light and the speed
+    const prompt = Math.min(COARSE * this.pool.size, this.#speed * SLOW);
+    let pixels = Math.max(COARSE, prompt, this.#speed * PROMPT);
+    const first = await this.#timed(pixels, null);
     this.#coarse = false;
     if (!first) return;
-    this.#measure(first);
-    this.#show(first, w, h, 1);
+    this.#measure(first.light);
+    this.#show(first.light, first.width, first.height, 1);
     this.shown(0);
     if (this.moving()) return;
     await new Promise((done) => setTimeout(done, 0)); // for input
+    for (;;) {
+      pixels = Math.max(STEP * pixels, this.#speed * SOON);
+      if (STEP * pixels > width * height) break; // the whole picture takes little longer
+      const finer = change === this.#change && (await this.#timed(pixels, change));
+      if (!finer) return;
+      this.#show(finer.light, finer.width, finer.height, 1);
+      this.shown(0);
+    }
     const sum = new Float32Array(4 * width * height);
     for (let pass = 0; this.samples < this.most; pass++) {
       if (change !== this.#change) return;
@@ -111,6 +120,22 @@ export class Picture {
       this.#show(sum, width, height, pass + 1);
       this.shown(this.samples);
     }
+  }
+
+  /**
+   * A small picture of about so many pixels, whose time tells the speed; null as of `#pass`.
+   * @param {number} pixels
+   * @param {number | null} change
+   */
+  async #timed(pixels, change) {
+    const [full, high] = this.#size();
+    const shrunk = Math.max(1, Math.sqrt((full * high) / pixels));
+    const [width, height] = [Math.ceil(full / shrunk), Math.ceil(high / shrunk)];
+    const begin = performance.now();
+    const light = await this.#pass(width, height, 0, change);
+    const speed = (width * height) / Math.max(1, performance.now() - begin);
+    if (light) this.#speed = Math.max(FORGET * this.#speed, speed);
+    return light && { light, width, height };
   }
 
   /** @param {Float32Array} light of a pass */

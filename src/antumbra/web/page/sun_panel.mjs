@@ -10,7 +10,7 @@ import { fill } from "./words.mjs";
 /** @typedef {import("./words.mjs").Words} Words */
 
 const MINUTES_A_SECOND = 60; // of the day that plays
-const LONGEST = 10; // minutes between two pictures of the day that plays, so that a slow one is followed by no jump
+const LONGEST = 20; // minutes between two pictures of the day that plays, so that a slow one is followed by no jump
 const EVENING = 7; // degrees: height of the sun at which the day that plays once ends
 const MINUTE = 60;
 
@@ -28,6 +28,7 @@ export class SunPanel {
     this.words = words;
     this.changed = changed;
     this.playing = false;
+    this.drawn = true; // the last light is seen
     this.date = about.date;
     this.day = part("date");
     this.first = part("first");
@@ -135,10 +136,9 @@ export class SunPanel {
     this.second.setAttribute("aria-valuetext", `${altitude.toFixed(0)}°`);
   }
 
-  /** Play the rest of the day once, up to the long shadows of the evening; not for people who prefer less motion. */
+  /** Play the rest of the day once, up to the long shadows of the evening. */
   playOnce() {
-    if (!this.place || this.playing || matchMedia("(prefers-reduced-motion: reduce)").matches) return;
-    this.#play(EVENING);
+    if (this.place && !this.playing) this.#play(EVENING);
   }
 
   /** @param {number} [lowest] degrees: the height of the falling sun at which playing ends; without it, it goes on */
@@ -150,8 +150,9 @@ export class SunPanel {
     const step = (/** @type {number} */ now) => {
       if (!this.playing) return;
       const minutes = Math.min(LONGEST, Math.floor(((now - last) / 1000) * MINUTES_A_SECOND));
-      if (minutes > 0) {
+      if (minutes > 0 && this.drawn) {
         last = now;
+        this.drawn = false;
         const { altitude } = this.angles;
         this.first.value = String((Number(this.first.value) + minutes) % 1440);
         if (lowest !== undefined && this.angles.altitude <= Math.min(lowest, altitude)) {

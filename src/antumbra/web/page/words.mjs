@@ -9,6 +9,7 @@ const TABLE = {
   // opening, and what can go wrong
   unpacking: ["Unpacking the scene", "Die Szene wird entpackt"],
   building: ["Preparing the rays", "Die Strahlen werden vorbereitet"],
+  drawing: ["Drawing the first picture", "Das erste Bild wird berechnet"],
   failed: ["This page could not be opened: {reason}", "Diese Seite lässt sich nicht öffnen: {reason}"],
   old: [
     "This browser is too old for this page: it lacks {missing}. Browsers from 2023 on have it.",
@@ -54,7 +55,7 @@ const TABLE = {
   saved: ["Picture saved as {name}.", "Das Bild ist als {name} gespeichert."],
   north: ["North", "Norden"],
   scale: ["Scale at the centre of the picture", "Maßstab in der Bildmitte"],
-  samples: ["{n} of {all} samples", "{n} von {all} Abtastungen"],
+  samples: ["drawing: {n} of {all} samples", "Bild: {n} von {all} Abtastungen"],
 
   // sun
   controls: ["Sun", "Sonne"],
@@ -157,7 +158,7 @@ const TABLE = {
   sunStates: ["Before: {before} After: {after}", "Vorher: {before} Nachher: {after}"],
 
   // proof
-  scene: ["{triangles} triangles, scene {digest}", "{triangles} Dreiecke, Szene {digest}"],
+  scene: ["{triangles} triangles", "{triangles} Dreiecke"],
   proofRunning: ["Checking this page", "Bits werden geprüft"],
   proved: [
     "Same bits as Antumbra {version}: {n} of {n} rays, scene unaltered",
