@@ -49,6 +49,16 @@ CREDITS = {
 }
 """File names of real scenes in programs, with the credits that their licences require."""
 
+CURES = {
+    "delft_city": "It is `tests/data/delft.json` of [cjio](https://github.com/cityjson/cjio), triangulated. Without it, "
+    "study a village, `antumbra sun example:village --days 2026-03-21 --step 15 --sensors grid:1 -o sun_hours.png`, "
+    "or buildings from [3DBAG](https://3dbag.nl).",
+    "sanmiguel_lite": "It is the folder `sanmiguel` of [pbrt-scenes](https://github.com/AndiMiko/pbrt-scenes), as glTF "
+    'with +Z up. Without it, load another courtyard, `scene = at.procedural("atrium")`, and take its camera, `camera = '
+    "scene.cameras[0].resized(*SIZE)`.",
+}
+"""Where these scenes come from, and what to do without them."""
+
 _QUICK = {
     r"^SIZE = .*$": "SIZE = 48, 32",
     r"^(SPP|BOUNCE) = .*$": r"\1 = 4",

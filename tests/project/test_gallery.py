@@ -74,7 +74,9 @@ def test_what_examples_print_is_kept():
 
 
 def test_credits_name_scenes_that_programs_use():
-    assert {name for program in PROGRAMS.values() for name in program.scenes} == set(gallery.CREDITS)
+    names = {name for program in PROGRAMS.values() for name in program.scenes}
+    assert names == set(gallery.CREDITS) == set(gallery.CURES)
+    assert all("https://" in cure and "Without it" in cure for cure in gallery.CURES.values())
 
 
 def test_most_programs_need_no_scenes_from_elsewhere():
@@ -149,3 +151,14 @@ def test_the_sitemap_has_all_pages(tmp_path):
         "sitemap.xml lacks b.html",
         "sitemap.xml lists c.html, which does not exist",
     ]
+
+
+def test_files_from_other_hosts_are_told(tmp_path):
+    own = '<script src="_static/a.js"></script><a href="https://x.io/a.css">link</a><img src="data:image/png;base64,">'
+    (tmp_path / "good.html").write_text(own)
+    assert pages.host_faults(tmp_path) == []
+    for name, tag in enumerate(
+        ('<script async src="https://x.io/m.js">', '<link rel="stylesheet" href="https://x.io/a.css">')
+    ):
+        (tmp_path / f"wrong{name}.html").write_text(own + tag)
+    assert [line.partition(" ")[0] for line in pages.host_faults(tmp_path)] == ["wrong0.html", "wrong1.html"]
