@@ -54,12 +54,15 @@ def test_the_gallery_page_shows_all_programs_by_their_titles():
 
 def test_thumbnails_of_charts_show_a_part_and_those_of_films_the_frame_in_the_middle(tmp_path):
     assert set(gallery.PARTS) <= set(PROGRAMS)
-    for name, (left, upper, right) in gallery.PARTS.items():
-        with Image.open(PROGRAMS[name].picture) as picture:
-            lower = (
-                upper + (right - left) * picture.width / picture.height * gallery.THUMBNAIL[1] / gallery.THUMBNAIL[0]
-            )
+    for name, (left, upper, right, lower) in gallery.PARTS.items():
         assert 0.0 <= left < right <= 1.0 and 0.0 <= upper < lower <= 1.0, name
+    wide = Image.new("RGB", (200, 50), "red")
+    wide.paste("blue", (190, 0, 200, 50))
+    wide.save(tmp_path / "dataset.webp", lossless=True)
+    gallery.keep_thumbnail(tmp_path / "dataset.webp", tmp_path / "whole.webp")
+    with Image.open(tmp_path / "whole.webp") as whole:
+        right, below = (whole.convert("RGB").getpixel(at) for at in ((395, 125), (395, 240)))
+    assert right[2] > 200 and below[0] > 200, "all of it, on its own background"
     frames = [Image.new("RGB", (80, 50), colour) for colour in ("black", "red", "white")]
     frames[0].save(tmp_path / "film.webp", save_all=True, append_images=frames[1:], lossless=True)
     gallery.keep_thumbnail(tmp_path / "film.webp", tmp_path / "small.webp")
