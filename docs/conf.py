@@ -33,6 +33,7 @@ extensions = [
     "comments",
     "fields",
     "folds",
+    "formulas",
     "help",
     "labels",
     "live",
@@ -81,6 +82,7 @@ intersphinx_mapping = {name: (site, f"_inventories/{name}.txt") for name, site i
 intersphinx_disabled_reftypes = ["std:*"]
 
 html_theme = "furo"
+html_math_renderer = "mathml"
 templates_path = ["_templates"]
 html_title = f"Antumbra {release}"
 html_static_path = ["_static"]

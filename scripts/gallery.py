@@ -31,23 +31,37 @@ THUMBNAIL = 400, 250  # pixels
 WIDEST = 1280  # pixels of a picture
 
 PARTS = {
-    "comparison": (0.0, 0.0, 0.5),
-    "culling": (0.0, 0.12, 0.333),
-    "dataset": (0.0, 0.0, 0.5),
-    "day": (0.0, 0.5, 0.5),
-    "heat_map": (0.0, 0.12, 0.5),
-    "horizon": (0.08, 0.1, 0.72),
-    "map_sheet": (0.154, 0.22, 0.612),
-    "ray_hierarchy": (0.35, 0.06, 0.66),
-    "shadow_map": (0.1, 0.19, 0.68),
+    "comparison": (0.0, 0.0, 0.5, 0.983),
+    "culling": (0.0, 0.12, 0.333, 0.744),
+    "dataset": (0.0, 0.0, 1.0, 1.0),
+    "day": (0.0, 0.5, 0.5, 1.0),
+    "heat_map": (0.0, 0.0, 1.0, 1.0),
+    "hills_view": (0.0, 0.0, 1.0, 1.0),
+    "horizon": (0.1, 0.1, 0.67, 0.87),
+    "light_sizes": (0.0, 0.0, 1.0, 1.0),
+    "map_sheet": (0.154, 0.22, 0.612, 0.625),
+    "penumbra_filter": (0.0, 0.0, 1.0, 1.0),
+    "ray_hierarchy": (0.333, 0.0, 0.667, 1.0),
+    "shadow_map": (0.1, 0.19, 0.68, 0.703),
+    "sun_hours": (0.0, 0.0, 1.0, 1.0),
 }
-"""Left, upper and right edge of what the thumbnail of a chart or sheet shows, as fractions of the width and height."""
+"""What thumbnails of charts, sheets and series show: left, upper, right and lower edge, as fractions of the picture."""
 
 CREDITS = {
     "delft_city": "Model: a part of Delft, by 3dfier of TU Delft, from the open data BGT and AHN.",
     "sanmiguel_lite": "Model: a part of San Miguel by Guillermo M. Leal Llaguno, CC-BY 3.0.",
 }
 """File names of real scenes in programs, with the credits that their licences require."""
+
+CURES = {
+    "delft_city": "It is `tests/data/delft.json` of [cjio](https://github.com/cityjson/cjio), triangulated. Without it,"
+    " study a village, `antumbra sun example:village --days 2026-03-21 --step 15 --sensors grid:1 -o sun_hours.png`, "
+    "or buildings from [3DBAG](https://3dbag.nl).",
+    "sanmiguel_lite": "It is the folder `sanmiguel` of [pbrt-scenes](https://github.com/AndiMiko/pbrt-scenes), as glTF "
+    'with +Z up. Without it, load another courtyard, `scene = at.procedural("atrium")`, and take its camera, `camera = '
+    "scene.cameras[0].resized(*SIZE)`.",
+}
+"""Where these scenes come from, and what to do without them."""
 
 _QUICK = {
     r"^SIZE = .*$": "SIZE = 48, 32",
@@ -199,17 +213,20 @@ def keep(picture: Path, target: Path, thumbnail: Path | None = None) -> None:
 
 
 def keep_thumbnail(picture: Path, thumbnail: Path) -> None:
-    """Write the thumbnail of a picture: its middle, or its part in `PARTS`; of a film, the frame in the middle."""
+    """Write a thumbnail: the middle of a picture, or all of its part in `PARTS`; of a film, the frame in the middle."""
     from PIL import Image, ImageOps
 
     image = Image.open(picture)
     image.seek(getattr(image, "n_frames", 1) // 2)
+    shown = image.convert("RGB")
     if picture.stem in PARTS:
-        left, upper, right = PARTS[picture.stem]
-        x, y, width = left * image.width, upper * image.height, (right - left) * image.width
-        image = image.crop((round(x), round(y), round(x + width), round(y + width * THUMBNAIL[1] / THUMBNAIL[0])))
+        left, upper, right, lower = PARTS[picture.stem]
+        edges = left * shown.width, upper * shown.height, right * shown.width, lower * shown.height
+        part = shown.crop(tuple(map(round, edges)))
+        small = ImageOps.pad(part, THUMBNAIL, Image.Resampling.LANCZOS, color=shown.getpixel((0, 0)))
+    else:
+        small = ImageOps.fit(shown, THUMBNAIL, Image.Resampling.LANCZOS)
     thumbnail.parent.mkdir(parents=True, exist_ok=True)
-    small = ImageOps.fit(image.convert("RGB"), THUMBNAIL, Image.Resampling.LANCZOS)
     small.save(thumbnail, quality=78, method=6)
 
 

@@ -1,5 +1,5 @@
-"""Checks the built site: pages do not scroll sideways on a phone, no image is missing, the search works, and search
-engines find each page with a title and a description of its own.
+"""Checks the built site: pages do not scroll sideways on a phone, no image is missing, no file comes from another host,
+the search works, and search engines find each page with a title and a description of its own.
 
     python scripts/pages.py docs/_build [--shots FOLDER]
 
@@ -143,7 +143,7 @@ def _opened(browser: str, *options: str):
     """A headless browser that is closed at the end of the block."""
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
         always = ["--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", f"--user-data-dir={profile}"]
-        always.append("--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1")  # MathJax comes from another host
+        always.append("--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1")
         quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
         with subprocess.Popen([browser, *always, *options], **quiet) as window:
             try:
@@ -234,12 +234,24 @@ def gallery_faults(site: Path) -> list[str]:
     return lines if thumbnails else ["gallery.html has no thumbnails"]
 
 
+def host_faults(site: Path) -> list[str]:
+    """A line per page that loads a script, style, picture or frame from another host."""
+    lines = []
+    for page in pages_of(site):
+        tags = re.findall(r"<(?:script|img|iframe|link) [^>]*>", (site / page).read_text(encoding="utf-8"))
+        loaded = [
+            tag for tag in tags if re.search(r' src="(?:https?:)?//', tag) or ("stylesheet" in tag and '="http' in tag)
+        ]
+        lines += [f"{page} loads a file from another host: {tag}" for tag in loaded]
+    return lines
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("site", type=Path, help="the folder of the built site")
     parser.add_argument("--shots", type=Path, metavar="FOLDER")
     options = parser.parse_args()
-    checks = search_faults, gallery_faults, head_faults, sitemap_faults
+    checks = search_faults, gallery_faults, head_faults, sitemap_faults, host_faults
     lines, browser = [line for check in checks for line in check(options.site)], chromium()
     if browser is None:
         print("pages.py: NO CHROMIUM, so widths and pictures are not checked", file=sys.stderr)

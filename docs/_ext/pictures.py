@@ -40,10 +40,10 @@ def page_of(program) -> str:
 def scene_line(program) -> str:
     """Where the scene of a program is from."""
     if program.scenes:
-        files = " and ".join(f"`{name}.glb`" for name in program.scenes)
-        cure = f"put a model of yours there, or run `antumbra scenes atrium -o {program.scenes[0]}.glb`."
-        credits = " ".join(gallery.CREDITS[name] for name in program.scenes)
-        return f"{credits} The program loads {files} from the current folder: {cure}"
+        return " ".join(
+            f"{gallery.CREDITS[name]} The program loads `{name}.glb` from the current folder. {gallery.CURES[name]}"
+            for name in program.scenes
+        )
     names = " and ".join(f"`{name}`" for name in gallery.packaged_scenes(program))
     comes = f"{names} [comes with the package](../examples.md)" if names else "made by the program"
     return f"Scene: {comes}."

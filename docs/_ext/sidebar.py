@@ -1,10 +1,15 @@
-"""The sidebar: one group of pages open, that of the page shown; the others are folded, and open with a click."""
+"""The sidebar: one group of pages open, that of the page shown; the others are folded, and open with a click.
+
+The pictures of the gallery stay folded even on its pages, as their names would fill the sidebar.
+"""
 
 import re
 
 _GROUP = re.compile(
     r'<p class="caption"[^>]*>(?P<caption>.*?)</p>\s*(?P<pages><ul.*?)(?=<p class="caption"|\Z)', re.DOTALL
 )
+
+_PICTURES = re.compile(r'(>Gallery</a><input[^>]*?) checked=""')
 
 
 def folded(tree: str) -> str:
@@ -17,7 +22,7 @@ def folded(tree: str) -> str:
         summary = f'<summary class="caption">{match["caption"]}</summary>'
         return f"<details{' open' * is_open}>{summary}{match['pages']}</details>"
 
-    return _GROUP.sub(group, tree)
+    return _GROUP.sub(group, _PICTURES.sub(r"\1", tree))
 
 
 def fold(app, page, template, context, doctree):

@@ -54,12 +54,15 @@ def test_the_gallery_page_shows_all_programs_by_their_titles():
 
 def test_thumbnails_of_charts_show_a_part_and_those_of_films_the_frame_in_the_middle(tmp_path):
     assert set(gallery.PARTS) <= set(PROGRAMS)
-    for name, (left, upper, right) in gallery.PARTS.items():
-        with Image.open(PROGRAMS[name].picture) as picture:
-            lower = (
-                upper + (right - left) * picture.width / picture.height * gallery.THUMBNAIL[1] / gallery.THUMBNAIL[0]
-            )
+    for name, (left, upper, right, lower) in gallery.PARTS.items():
         assert 0.0 <= left < right <= 1.0 and 0.0 <= upper < lower <= 1.0, name
+    wide = Image.new("RGB", (200, 50), "red")
+    wide.paste("blue", (190, 0, 200, 50))
+    wide.save(tmp_path / "dataset.webp", lossless=True)
+    gallery.keep_thumbnail(tmp_path / "dataset.webp", tmp_path / "whole.webp")
+    with Image.open(tmp_path / "whole.webp") as whole:
+        right, below = (whole.convert("RGB").getpixel(at) for at in ((395, 125), (395, 240)))
+    assert right[2] > 200 and below[0] > 200, "all of it, on its own background"
     frames = [Image.new("RGB", (80, 50), colour) for colour in ("black", "red", "white")]
     frames[0].save(tmp_path / "film.webp", save_all=True, append_images=frames[1:], lossless=True)
     gallery.keep_thumbnail(tmp_path / "film.webp", tmp_path / "small.webp")
@@ -74,7 +77,9 @@ def test_what_examples_print_is_kept():
 
 
 def test_credits_name_scenes_that_programs_use():
-    assert {name for program in PROGRAMS.values() for name in program.scenes} == set(gallery.CREDITS)
+    names = {name for program in PROGRAMS.values() for name in program.scenes}
+    assert names == set(gallery.CREDITS) == set(gallery.CURES)
+    assert all("https://" in cure and "Without it" in cure for cure in gallery.CURES.values())
 
 
 def test_most_programs_need_no_scenes_from_elsewhere():
@@ -149,3 +154,14 @@ def test_the_sitemap_has_all_pages(tmp_path):
         "sitemap.xml lacks b.html",
         "sitemap.xml lists c.html, which does not exist",
     ]
+
+
+def test_files_from_other_hosts_are_told(tmp_path):
+    own = '<script src="_static/a.js"></script><a href="https://x.io/a.css">link</a><img src="data:image/png;base64,">'
+    (tmp_path / "good.html").write_text(own)
+    assert pages.host_faults(tmp_path) == []
+    for name, tag in enumerate(
+        ('<script async src="https://x.io/m.js">', '<link rel="stylesheet" href="https://x.io/a.css">')
+    ):
+        (tmp_path / f"wrong{name}.html").write_text(own + tag)
+    assert [line.partition(" ")[0] for line in pages.host_faults(tmp_path)] == ["wrong0.html", "wrong1.html"]
