@@ -40,6 +40,15 @@ def test_the_page_of_figures_is_generated():
     assert figures.page() == figures.PAGE.read_text(encoding="utf-8"), "run scripts/figures_page.py"
 
 
+def test_the_page_of_figures_calls_scenes_by_readable_names():
+    assert figures.readable("Delft: delft_city, not_delft_city") == "Delft: Delft, not_delft_city"
+    assert figures.legend("| Robots | 1 |\n| method | Sponza |") == (
+        "Scenes and their files: Robots (`bart_robots`), Sponza (`sponza_crytek`).\n"
+    )
+    shown = [line for line in figures.page().splitlines() if line.startswith(("|", "<summary>"))]
+    assert not [line for line in shown if any(file in line for file in figures.SCENES)]
+
+
 def test_each_table_of_figures_has_its_command_machine_and_date():
     sections = re.findall(r"^<details(?: open)?>\n<summary>.*?^</details>$", figures.page(), re.M | re.S)
     assert len(sections) > 25 and len(re.findall(r"^\|[-:]", figures.page(), re.M)) == len(sections)
