@@ -10,6 +10,7 @@ from collections import namedtuple
 import pytest
 
 import antumbra as at
+from antumbra.base.command_registry import COMMANDS
 from repository import ROOT, tool
 
 sys.path.append(str(ROOT / "scripts"))  # figures_page imports document_numbers
@@ -432,6 +433,23 @@ def test_help_is_parted_into_names_and_texts(extension):
     options = shown.help_text("sun").partition("\nOptions:\n")[2].partition("\n\n")[0]
     records = dict(shown.records_of(options.split("\n")))
     assert len(records) > 15 and all(records.values()) and records["--energy"].startswith("Add the direct energy")
+
+
+def test_pages_of_commands_begin_with_examples_and_main_options(extension):
+    pytest.importorskip("sphinx", reason="the pages of commands are NOT checked without Sphinx")
+    shown = extension("help")
+    first, details, last = shown.ordered(shown.help_text("render").split("\n\n")[1:])
+    assert first[0] == "  Render SCENE with exact shadows."
+    assert first[1].split("\n")[:2] == ["  Examples", "    antumbra render"] and first[1].count("\n") == 2
+    titles = [part.partition(":")[0] for part in first if not part.startswith(" ")]
+    assert titles == ["Arguments", "Picture", "Light", "Output"]
+    assert [part.split("\n")[0].strip() for part in details if "\n" in part] == ["CAMERA", "LIGHT", "More examples"]
+    assert last and not any(part.startswith((" ", *titles)) for part in last)
+    for name in COMMANDS:
+        parts = shown.help_text(name).split("\n\n")[1:]
+        lines = [line for group in shown.ordered(parts) for part in group for line in part.split("\n")]
+        more = "  More examples"
+        assert sorted({*lines} - {more}) == sorted({line for part in parts for line in part.split("\n")}), name
 
 
 def test_each_program_of_the_gallery_is_a_page(extension):
