@@ -17,38 +17,27 @@ TITLE = "Examples"
 def shorten(signature: addnodes.desc_signature) -> None:
     """Show the names of the first parameters of a long signature, and all parameters below, folded."""
     whole = next(signature.findall(addnodes.desc_parameterlist), None)
-    if whole is None or sum(1 for _ in whole.findall(_is_parameter)) <= LONGEST:
+    count = 0 if whole is None else sum(map(_is_parameter, whole))
+    if count <= LONGEST:
         return
     short = addnodes.desc_parameterlist(multi_line_parameter_list=False)
-    for each in whole.children[: whole.children.index(_last(whole)) + 1]:
-        short += _without_type(each)
+    short += [addnodes.desc_parameter("", "", each[0].deepcopy()) for each in _first(whole.children)]
     short += addnodes.desc_parameter("", "", addnodes.desc_sig_operator("", "…"))
-    place = whole.parent.index(whole)
-    whole.parent[place] = short
+    signature[signature.index(whole)] = short
     line = addnodes.desc_signature_line("", "", *signature.children, add_permalink=True)
-    count = sum(1 for _ in whole.findall(_is_parameter))
     signature["is_multiline"], signature.children = True, []
     signature += [line, *fold(f"all {count} parameters", [whole])]
 
 
 def _is_parameter(node: nodes.Node) -> bool:
     """Whether a node is a parameter; signs such as * are nodes of the same kind."""
-    return isinstance(node, addnodes.desc_parameter) and isinstance(node[0], addnodes.desc_sig_name)
+    return isinstance(node[0], addnodes.desc_sig_name)
 
 
-def _last(whole: addnodes.desc_parameterlist) -> nodes.Node:
-    """The last parameter that a short signature shows: of those that may be given by position."""
-    shown = []
-    for each in whole.children:
-        if not _is_parameter(each) and shown:
-            break
-        shown.append(each)
-    return shown[: LONGEST - 1][-1]
-
-
-def _without_type(parameter: nodes.Node) -> nodes.Node:
-    """The name of a parameter."""
-    return addnodes.desc_parameter("", "", parameter[0].deepcopy())
+def _first(parameters: list[nodes.Node]) -> list[nodes.Node]:
+    """The parameters that a short signature shows: those before a sign, with the sign, or the first ones."""
+    signs = [k for k, each in enumerate(parameters) if k > 0 and not _is_parameter(each)]
+    return parameters[: min([*(k + 1 for k in signs), LONGEST - 1])]
 
 
 def move_examples(content: addnodes.desc_content) -> None:

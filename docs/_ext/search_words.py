@@ -27,7 +27,8 @@ PAGES = {
 
 MORE = {
     "opacity": ("api/scene", "jobs/shadow", "cli/render"), "transparency": ("api/scene", "jobs/shadow", "cli/render"),
-    "window": ("sun-reference",), "latitude": ("jobs/sun",), "longitude": ("jobs/sun",), "noise": ("errors", "jobs/bake"),
+    "window": ("sun-reference",), "latitude": ("jobs/sun",), "longitude": ("jobs/sun",),
+    "noise": ("errors", "jobs/bake"),
 }  # fmt: skip
 """Word -> further pages on it, which do not use the word itself."""
 

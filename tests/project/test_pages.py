@@ -452,6 +452,40 @@ def test_pages_of_commands_begin_with_examples_and_main_options(extension):
         assert sorted({*lines} - {more}) == sorted({line for part in parts for line in part.split("\n")}), name
 
 
+def test_long_signatures_are_folded_and_examples_follow_the_summary(extension):
+    pytest.importorskip("sphinx", reason="signatures are NOT checked without Sphinx")
+    from docutils import nodes
+    from sphinx import addnodes
+
+    first = extension("examples_first")
+    parameter = lambda name: addnodes.desc_parameter("", "", addnodes.desc_sig_name("", name), nodes.Text(": int"))
+    only = addnodes.desc_parameter("", "", addnodes.desc_sig_operator("", "*"))
+
+    def signature(*children):
+        return addnodes.desc_signature("", "", addnodes.desc_parameterlist("", "", *children))
+
+    short, long = signature(*map(parameter, "abcdef")), signature(*map(parameter, "ab"), only, *map(parameter, "cdefg"))
+    for each in (short, long):
+        first.shorten(each)
+    assert len(short) == 1 and "is_multiline" not in short
+    line, opens, whole, closes = long.children
+    assert [each.astext() for each in line[0]] == ["a", "b", "*", "…"] and line["add_permalink"]
+    assert "all 7 parameters" in opens.astext() and len(whole) == 8 and closes.astext() == "</details>"
+
+    text = lambda word: nodes.paragraph("", word)
+    content = addnodes.desc_content(
+        "",
+        text("summary"),
+        text("more"),
+        nodes.field_list(),
+        nodes.rubric("", "Examples"),
+        text("example"),
+        addnodes.desc(),
+    )
+    first.move_examples(content)
+    assert [node.astext() for node in content] == ["summary", "example", "more", "", ""]
+
+
 def test_each_program_of_the_gallery_is_a_page(extension):
     pytest.importorskip("myst_parser", reason="the pages of the gallery are NOT checked without myst-parser")
     pictures = extension("pictures")
