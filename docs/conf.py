@@ -31,6 +31,7 @@ extensions = [
     "charts",
     "code_tabs",
     "comments",
+    "examples_first",
     "fields",
     "folds",
     "formulas",

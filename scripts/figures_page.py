@@ -36,6 +36,31 @@ machine, run the commands in a clone; they alternate with the peers in one proce
 LONGEST = 6
 """Rows of a table that is not folded."""
 
+SCENES = {
+    "bart_museum8_subdivided": "Museum",
+    "bart_robots": "Robots",
+    "delft_city": "Delft",
+    "japanese_temple": "Temple",
+    "sanmiguel_lite": "San Miguel",
+    "sponza_crytek": "Sponza",
+    "stanford_bunny": "Bunny",
+    "synthetic_garden_foxes": "Foxes in a garden",
+}
+"""Name of a file of a scene -> what the page calls the scene."""
+
+
+def readable(text: str) -> str:
+    """A text with the names of scenes instead of those of their files."""
+    return re.sub(rf"\b(?:{'|'.join(SCENES)})\b", lambda match: SCENES[match[0]], text)
+
+
+def legend(tables: str) -> str:
+    """The files of the scenes that tables name."""
+    files = [
+        f"{name} (`{file}`)" for file, name in SCENES.items() if re.search(rf"(?m)^(?:\||<summary>).*{name}", tables)
+    ]
+    return f"Scenes and their files: {', '.join(files)}.\n"
+
 
 def load(name: str, folder: Path | None = None) -> dict[str, Any]:
     """A file of results, of docs/results/ by default."""
@@ -61,7 +86,9 @@ def table(
     title: str, about: dict[str, Any], columns: Sequence[str], rows: Iterable[Sequence[str]], bars: Sequence[Bars] = ()
 ) -> str:
     """A table that folds below its title, with its command, machine and date; numbers are aligned right."""
-    rows = [[str(cell) for cell in row] for row in rows]
+    title, columns = readable(title), [readable(name) for name in columns]
+    bars = [group._replace(columns=[readable(name) for name in group.columns]) for group in bars]
+    rows = [[readable(str(cell)) for cell in row] for row in rows]
     numeric = [all(len(row[k]) < 20 and row[k].strip("*")[:1] <= "9" for row in rows) for k in range(len(columns))]
     for group in bars:
         places = [columns.index(name) for name in group.columns]
@@ -406,7 +433,7 @@ def below_in_builds() -> Iterable[Below]:
 
 
 _OPEN = "in scenes with gaps, up to 14 rays vote on a point, where Open3D traces one and is wrong"
-_ALL = "hits at one point count once, which takes their t"
+_ALL = "Antumbra counts triangles hit at one point once, and computes the exact distance of each hit to find them"
 _DROP_IN = {"contains": _OPEN, "signed distance": _OPEN, "hit counts": _ALL, "all hits": _ALL}
 """Query -> why a peer is faster; other queries: see `below_in_drop_in`."""
 
@@ -665,12 +692,14 @@ def speed() -> Iterable[str]:
 
 def page() -> str:
     """The text of the page."""
+    tables = list(speed())
     parts = [
         INTRO,
+        legend("\n".join(tables)),
         below_one(),
         "## Speed\n",
         PEERS,
-        *speed(),
+        *tables,
         "## Devices\n",
         DEVICES,
         devices(),

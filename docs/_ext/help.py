@@ -6,6 +6,7 @@ are listed, and linked to their pages.
 
 import re
 from functools import cache
+from typing import NamedTuple
 
 import typer
 from docutils import nodes
@@ -13,6 +14,10 @@ from sphinx import addnodes
 from sphinx.util.docutils import SphinxDirective
 
 from antumbra.cli.app import program
+from antumbra.cli.command_help import MAIN
+
+SHOWN = 2
+"""Examples that come first, as in the help of ``-h``."""
 
 _WIDE = 10_000  # columns, so that each option and each paragraph is one line
 _NAME = re.compile(r"(?:-\w, )?--([\w-]+)")  # at the beginning of an option
@@ -46,6 +51,31 @@ def records_of(lines: list[str]) -> list[tuple[str, str]]:
     return records
 
 
+class Parts(NamedTuple):
+    """The parts of a command's help, in the order of its page."""
+
+    first: list[str]  # the text, with two examples, and the main options
+    details: list[str]  # how values are written, and more examples
+    last: list[str]  # all other options
+
+
+def ordered(parts: list[str]) -> Parts:
+    """The parts of a command's help in an order that shows first what the command does, an example and its options."""
+    texts = [part for part in parts if part.startswith(" ")]
+    groups = [part for part in parts if not part.startswith(" ")]
+    main = [part for part in groups if part.partition(":")[0] in MAIN]
+    titled = next((k for k, part in enumerate(texts) if "\n" in part), len(texts))
+    first, details = texts[:titled], []
+    for part in texts[titled:]:
+        title, *lines = part.split("\n")
+        if title.strip() != "Examples":
+            details.append(part)
+            continue
+        first.insert(1, "\n".join([title, *lines[:SHOWN]]))
+        details += ["\n".join(["  More examples", *lines[SHOWN:]])] if len(lines) > SHOWN else []
+    return Parts([*first, *main], details, [part for part in groups if part not in main])
+
+
 class CommandHelp(SphinxDirective):
     """The help of a command, or of the program itself without an argument."""
 
@@ -61,13 +91,25 @@ class CommandHelp(SphinxDirective):
         self.anchors = {name: f"{self.prefix}{name}" for name in names}
         command = usage.removeprefix("Usage: ")
         found = [nodes.paragraph("", "", nodes.literal("", command), classes=["usage"])]
-        for part in parts:
-            found += self._paragraphs(part) if part.startswith(" ") else [self._group(part)]
+        parts = ordered(parts) if self.arguments else Parts(parts, [], [])
+        for part in parts.first:
+            found += self._shown(part)
+        if parts.details:
+            section = nodes.section(ids=[f"{self.prefix}details"])
+            section += nodes.title("", "Details")
+            for part in parts.details:
+                section += self._shown(part)
+            found.append(section)
+        for part in parts.last:
+            found += self._shown(part)
         if len(self.arguments) < 2:
             return found
         section = nodes.section(ids=[self.prefix.rstrip("-")])
         section += [nodes.title("", f"antumbra {' '.join(self.arguments)}"), *found]
         return [section]
+
+    def _shown(self, part: str) -> list[nodes.Node]:
+        return self._paragraphs(part) if part.startswith(" ") else [self._group(part)]
 
     def _paragraphs(self, part: str) -> list[nodes.Node]:
         """A part of the description: a paragraph, or lines below a title, such as examples."""

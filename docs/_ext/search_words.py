@@ -9,6 +9,8 @@ PAGES = {
     "trimesh": "tutorials/others", "open3d": "tutorials/others", "pyvista": "tutorials/others",
     "embree": "tutorials/others", "mitsuba": "tutorials/others", "ladybug": "tutorials/others",
     "skyline": "jobs/skyline", "horizon": "jobs/skyline",
+    "window": "jobs/sun", "latitude": "cities", "longitude": "cities", "location": "cities",
+    "noise": "tutorials/pictures", "filter": "tutorials/pictures", "denoise": "jobs/bake",
     "opacity": "tutorials/model", "transparency": "tutorials/model", "material": "tutorials/model",
     "lightmap": "jobs/bake", "ambient occlusion": "jobs/bake", "bake": "jobs/bake",
     "viewshed": "jobs/line-of-sight", "visibility": "jobs/line-of-sight", "line of sight": "jobs/line-of-sight",
@@ -23,10 +25,19 @@ PAGES = {
 }  # fmt: skip
 """Word -> page."""
 
+MORE = {
+    "opacity": ("api/scene", "jobs/shadow", "cli/render"), "transparency": ("api/scene", "jobs/shadow", "cli/render"),
+    "window": ("sun-reference",), "latitude": ("jobs/sun",), "longitude": ("jobs/sun",),
+    "noise": ("errors", "jobs/bake"),
+}  # fmt: skip
+"""Word -> further pages on it, which do not use the word itself."""
+
 
 def add_words(app, doctree) -> None:
     """Add the words of a page to its index."""
-    entries = [("single", word, "", "main", None) for word, page in PAGES.items() if page == app.env.docname]
+    name = app.env.docname
+    entries = [("single", word, "", "main", None) for word, page in PAGES.items() if page == name]
+    entries += [("single", word, "", "", None) for word, pages in MORE.items() if name in pages]
     if entries:
         doctree.insert(0, index(entries=entries, inline=False))
 

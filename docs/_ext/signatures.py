@@ -1,7 +1,7 @@
 """Types in the signatures of the reference, where they are short and all their names are public or of another library.
 
-Arrays are `numpy.ndarray` or `ArrayLike`: docstrings state shapes and dtypes. Long types, `Any` and callables are left
-out.
+Arrays are `numpy.ndarray` or `ArrayLike`: docstrings state shapes, dtypes and arguments. Long types
+and `Any` are left out.
 """
 
 import ast
@@ -25,6 +25,7 @@ PLACES = {
     "ArrayLike": "numpy.typing.ArrayLike",
     "NDArray": "numpy.ndarray",
     "ndarray": "numpy.ndarray",
+    "Callable": "collections.abc.Callable",
     "Iterable": "collections.abc.Iterable",
     "Iterator": "collections.abc.Iterator",
     "Mapping": "collections.abc.Mapping",
@@ -39,7 +40,7 @@ PLACES = {
 }
 """Name -> where it is described; `docs/_inventories` has the addresses."""
 
-WHOLE = {"numpy.ndarray", "os.PathLike"}  # their parameters are left out
+WHOLE = {"collections.abc.Callable", "numpy.ndarray", "os.PathLike"}  # their parameters are left out
 
 _ARRAY = set(get_args(ArrayLike))
 _SCENE = "AnyScene"  # beside all that at.load takes: SceneLike

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import antumbra
-from antumbra.base.wording import agreeing, counted, place_text, plural, some_of
+from antumbra.base.wording import agreeing, counted, height_text, place_text, plural, some_of
 
 PACKAGE = Path(antumbra.__file__).parent
 
@@ -57,6 +57,20 @@ def test_coordinates_have_the_digits_that_tell_points_apart() -> None:
     assert place_text((84052.5, 446947.5004, 3.0)) == "84052.5,446947.5,3"
     assert place_text((0.000123456789, 0.0, -0.0001)) == "0.000123457,0,-0.0001"
     assert place_text((0.0, 0.0)) == "0,0"
+
+
+@pytest.mark.parametrize(
+    "height, size, text",
+    [
+        (-0.000293, 29.3, "0"),
+        (-2.000293, 29.3, "-2"),
+        (1.234567, 29.3, "1.23"),
+        (12.36, 5000.0, "12"),
+        (3e-5, 0.02, "3e-05"),
+    ],
+)
+def test_a_height_has_the_digits_that_the_size_of_its_scene_shows(height: float, size: float, text: str) -> None:
+    assert height_text(height, size) == text
 
 
 def _sources() -> list[Path]:

@@ -1,5 +1,6 @@
 import json
 import os
+import re
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ from PIL import Image
 
 import antumbra as at
 from antumbra.cli.console import ProgressDisplay
+from antumbra.cli.picture_report import light_text
 from antumbra.cli.picture_spec import ROOM_LIGHT
 from gltf_files import png
 
@@ -28,7 +30,7 @@ def test_a_picture_and_a_summary(render, tmp_path):
         "atrium",
         "triangles",
         "32x32",
-        "QuadLight",
+        "rectangular light of 2.2 x 2.267 (1 cd)",
         "(4 per pixel and light)",
         "auto: lbvh+",
         "trace",
@@ -72,7 +74,7 @@ def test_the_choices_of_a_picture_are_listed_with_their_reasons(cli, size):
     done = cli("render", "procedural:atrium?triangles=2000", "--spp", 1, "--size", size, "--explain-plan")
     rows = [line.split() for line in done.out.splitlines()]
     (tree,) = [row for row in rows if row[:1] == ["tree"]]
-    (query,) = [row for row in rows if row[:1] == ["QuadLight"]]
+    (query,) = [row for row in rows if row[:1] == ["quad"]]
     assert done.code == 0 and "lbvh" in tree and "too few rays for a better tree" in " ".join(tree)
     assert (" ".join(query[3:5]) == "few rays") == (size == "8x8")
 
@@ -427,6 +429,28 @@ def test_textures_and_smooth_normals_can_be_left_out(render, tmp_path):
     assert len(np.unique(shown["--no-textures", "--no-smooth-normals"].reshape(-1, 3), axis=0)) < 10
 
 
+@pytest.mark.parametrize(
+    "light, text",
+    [
+        (at.PointLight((0, 1, 0), intensity=50), "point light (50 cd)"),
+        (at.QuadLight((0, 3, 0), (2, 0, 0), (0, 0, 2)), "square light of 2 x 2 (1 cd)"),
+        (at.QuadLight((0, 3, 0), (2, 0, 0), (0, 0, 1.5)), "rectangular light of 2 x 1.5 (1 cd)"),
+        (at.QuadLight((0, 3, 0), (2, 0, 0), (3, 0, 4)), "parallelogram light of 2 x 5 (1 cd)"),
+        (at.DiskLight((0, 3, 0), (0, -1, 0), 0.5), "disk light of radius 0.5 (1 cd)"),
+        (at.SphereLight((0, 3, 0), 0.2, intensity=10), "sphere light of radius 0.2 (10 cd)"),
+        (at.DirectionalLight((0, -1, 0)), "sun of 0.53 degrees (1 lux)"),
+        (at.AmbientOcclusion(), "ambient occlusion"),
+        (at.AmbientOcclusion(radius=2), "ambient occlusion within 2"),
+        (at.Sky(), "sky"),
+        (at.PointLights([[0, 3, 0], [1, 3, 0]], interleave=True), "2 point lights"),
+        (at.DirectionalLights([[0, -1, 0]]), "1 distant light"),
+    ],
+    ids=lambda each: type(each).__name__ if isinstance(each, at.Light) else "",
+)
+def test_lights_are_described_in_words(light, text):
+    assert light_text(light) == text
+
+
 @pytest.fixture
 def table(tmp_path):
     """A file with a table top, 2 wide, at y = 1, on one thin leg that reaches down to y = 0."""
@@ -443,7 +467,8 @@ def test_a_scene_stands_on_a_ground_by_default(render, table):
     assert told["ground"] == pytest.approx(0.0, abs=1e-3) and told["ground"] < 0.0
     assert render("--json", "--ground", "off", *_HIGH, "-o", "b.png", scene=table).json()["ground"] is None
     assert render("--json", "--ground", "-0.5", *_HIGH, "-o", "c.png", scene=table).json()["ground"] == -0.5
-    assert "of the picture shows its shadows" in render(*_HIGH, scene=table).out
+    assert re.search(r"at height 0; \d+ % of the picture shows its shadows", render(*_HIGH, scene=table).out)
+    assert "at height -0.52; " in render("--ground", "-0.5200004", *_HIGH, scene=table).out
     a, b, c = (pixels(name).astype(int) for name in ("a.png", "b.png", "c.png"))
     assert (a <= b + 1).all() and (a < b - 20).any() and (a != c).any()
 

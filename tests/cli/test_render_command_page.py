@@ -16,7 +16,15 @@ def test_the_page_holds_the_picture_and_everything_about_it(render):
     text = Path("a.html").read_text()
     (picture,) = re.findall(r"data:image/png;base64,([^\"]+)", text)
     assert base64.b64decode(picture) == Path("a.png").read_bytes()
-    for word in "QuadLight", "share lit", "triangle tests", "larcher-pillichshammer", "processor", "trace", "exposure":
+    for word in (
+        "rectangular light of ",
+        "share lit",
+        "triangle tests",
+        "larcher-pillichshammer",
+        "processor",
+        "trace",
+        "exposure",
+    ):
         assert word in text, word
     assert not re.findall(r"(?:src|href)=\"(?!data:)", text)  # it needs no other file
 

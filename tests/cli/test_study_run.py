@@ -32,6 +32,9 @@ def test_a_run_knows_its_time_and_its_files(tmp_path):
     assert run.rows(3_000_000)[0] == ("time", "2.00 s, 1.5 million rays/s")
     run.traced = 1 / 3  # the rest was found done
     assert run.rows(3_000_000)[0] == ("time", "2.00 s, 0.5 million rays/s")
+    assert run.rows(2_000_000)[0] == ("time", "2.00 s, 666,667 rays")  # mostly preparation, so no speed
+    run.traced = 0.0
+    assert run.rows(2_000_000)[0] == ("time", "2.00 s")
 
 
 @pytest.mark.parametrize("given, out", [({"json": True, "quiet": True}, "json"), ({"quiet": True}, ""), ({}, "text")])

@@ -34,7 +34,7 @@ def test_cameras_move_with_their_nodes(tmp_path):
     scene = load(made.write(tmp_path))
     np.testing.assert_array_equal(scene.cameras[0].position, [0, 0, 5])
     np.testing.assert_array_equal(scene.camera(0, 0.5).position, [0, 0, 7])
-    with pytest.raises(InputError, match="no camera 1"):
+    with pytest.raises(InputError, match="there is no camera 1; it has one camera, 0"):
         scene.camera(1)
 
 

@@ -10,6 +10,7 @@ from collections import namedtuple
 import pytest
 
 import antumbra as at
+from antumbra.base.command_registry import COMMANDS
 from repository import ROOT, tool
 
 sys.path.append(str(ROOT / "scripts"))  # figures_page imports document_numbers
@@ -38,6 +39,15 @@ def test_words_are_those_that_a_reader_reads():
 
 def test_the_page_of_figures_is_generated():
     assert figures.page() == figures.PAGE.read_text(encoding="utf-8"), "run scripts/figures_page.py"
+
+
+def test_the_page_of_figures_calls_scenes_by_readable_names():
+    assert figures.readable("Delft: delft_city, not_delft_city") == "Delft: Delft, not_delft_city"
+    assert figures.legend("| Robots | 1 |\n| method | Sponza |") == (
+        "Scenes and their files: Robots (`bart_robots`), Sponza (`sponza_crytek`).\n"
+    )
+    shown = [line for line in figures.page().splitlines() if line.startswith(("|", "<summary>"))]
+    assert not [line for line in shown if any(file in line for file in figures.SCENES)]
 
 
 def test_each_table_of_figures_has_its_command_machine_and_date():
@@ -423,6 +433,57 @@ def test_help_is_parted_into_names_and_texts(extension):
     options = shown.help_text("sun").partition("\nOptions:\n")[2].partition("\n\n")[0]
     records = dict(shown.records_of(options.split("\n")))
     assert len(records) > 15 and all(records.values()) and records["--energy"].startswith("Add the direct energy")
+
+
+def test_pages_of_commands_begin_with_examples_and_main_options(extension):
+    pytest.importorskip("sphinx", reason="the pages of commands are NOT checked without Sphinx")
+    shown = extension("help")
+    first, details, last = shown.ordered(shown.help_text("render").split("\n\n")[1:])
+    assert first[0] == "  Render SCENE with exact shadows."
+    assert first[1].split("\n")[:2] == ["  Examples", "    antumbra render"] and first[1].count("\n") == 2
+    titles = [part.partition(":")[0] for part in first if not part.startswith(" ")]
+    assert titles == ["Arguments", "Picture", "Light", "Output"]
+    assert [part.split("\n")[0].strip() for part in details if "\n" in part] == ["CAMERA", "LIGHT", "More examples"]
+    assert last and not any(part.startswith((" ", *titles)) for part in last)
+    for name in COMMANDS:
+        parts = shown.help_text(name).split("\n\n")[1:]
+        lines = [line for group in shown.ordered(parts) for part in group for line in part.split("\n")]
+        more = "  More examples"
+        assert sorted({*lines} - {more}) == sorted({line for part in parts for line in part.split("\n")}), name
+
+
+def test_long_signatures_are_folded_and_examples_follow_the_summary(extension):
+    pytest.importorskip("sphinx", reason="signatures are NOT checked without Sphinx")
+    from docutils import nodes
+    from sphinx import addnodes
+
+    first = extension("examples_first")
+    parameter = lambda name: addnodes.desc_parameter("", "", addnodes.desc_sig_name("", name), nodes.Text(": int"))
+    only = addnodes.desc_parameter("", "", addnodes.desc_sig_operator("", "*"))
+
+    def signature(*children):
+        return addnodes.desc_signature("", "", addnodes.desc_parameterlist("", "", *children))
+
+    short, long = signature(*map(parameter, "abcdef")), signature(*map(parameter, "ab"), only, *map(parameter, "cdefg"))
+    for each in (short, long):
+        first.shorten(each)
+    assert len(short) == 1 and "is_multiline" not in short
+    line, opens, whole, closes = long.children
+    assert [each.astext() for each in line[0]] == ["a", "b", "*", "…"] and line["add_permalink"]
+    assert "all 7 parameters" in opens.astext() and len(whole) == 8 and closes.astext() == "</details>"
+
+    text = lambda word: nodes.paragraph("", word)
+    content = addnodes.desc_content(
+        "",
+        text("summary"),
+        text("more"),
+        nodes.field_list(),
+        nodes.rubric("", "Examples"),
+        text("example"),
+        addnodes.desc(),
+    )
+    first.move_examples(content)
+    assert [node.astext() for node in content] == ["summary", "example", "more", "", ""]
 
 
 def test_each_program_of_the_gallery_is_a_page(extension):

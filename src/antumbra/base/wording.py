@@ -57,3 +57,9 @@ def place_text(point: Iterable[float]) -> str:
     largest = max((abs(c) for c in coordinates), default=0.0)
     decimals = max(3, 5 - int(f"{largest or 1.0:e}".partition("e")[2]))
     return ",".join(f"{round(c, decimals) + 0.0:.15g}" for c in coordinates)
+
+
+def height_text(height: float, size: float) -> str:
+    """A height in a scene of a size, in the same unit, rounded to at most a thousandth of the size."""
+    decimals = max(0, 3 - int(f"{size or 1.0:e}".partition("e")[2]))
+    return f"{round(height, decimals) + 0.0:.15g}"

@@ -31,7 +31,9 @@ PANELS: dict[str, tuple[str, ...]] = {
 }
 """Title -> its parameters, besides those that name a title themselves. All others are listed under "Options"."""
 
-_MAIN = "Arguments", "Options", "Picture", "Light", "Output"  # the titles that -h lists
+MAIN = "Arguments", "Options", "Picture", "Light", "Output"
+"""The titles that -h lists."""
+
 _WIDEST = 28  # most columns for the names of options in the help of -h
 _LEAST = 12  # least number of options that are grouped
 _SHORT = "-h"
@@ -122,7 +124,7 @@ class HelpfulCommand(ParsedOnce, TyperCommand):
             formatter.write_text(text.partition("\n\n")[0])
             formatter.write("".join(f"\n  {line}" for line in _examples(text)[:2]) + "\n")
         for title, params in self._sections(ctx).items():
-            if title in _MAIN:
+            if title in MAIN:
                 with formatter.section(title):
                     _write_lines(formatter, self._records(params, ctx))
         formatter.write(f"\nAll options: {ctx.command_path} --help\n")

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.wording import counted, percent, place_text
+from ..base.wording import counted, height_text, percent, place_text
 from ..picture.picture_records import camera_fields, light_fields, plain
-from ..work.result_summary import duration
+from ..work.result_summary import duration, speed_text
 from . import console
 
 if TYPE_CHECKING:
@@ -185,7 +185,7 @@ def picture_fields(
     yield "scene", scene_text(spec, scene) + moment
     for note in group_notes(notes_of(scene), "antumbra info has all"):
         yield "note", note
-    yield from shot_fields(spec, shot)
+    yield from shot_fields(spec, scene, shot)
     phases = {"load": load, **frame.timings, "save": saved.seconds}
     frame_seconds = phases.pop("total")
     yield "time", phases_text(phases)
@@ -206,9 +206,9 @@ def phases_text(seconds: dict[str, float]) -> str:
     return ", ".join(f"{name} {duration(s)}" for name, s in seconds.items() if s > 0.0)
 
 
-def shot_fields(spec: "PictureSpec", shot: "Shot") -> Iterator[tuple[str, str]]:
+def shot_fields(spec: "PictureSpec", scene: "AnyScene", shot: "Shot") -> Iterator[tuple[str, str]]:
     """The names and values from the camera to the plan."""
-    yield from view_fields(shot, _speed(shot.frame))
+    yield from view_fields(scene, shot, shot.frame.timings["trace"])
     yield "plan", ran_text(spec.engine.plan, shot.frame)
     if shot.frame.paging is not None:
         paging = shot.frame.paging
@@ -229,8 +229,8 @@ def shot_fields(spec: "PictureSpec", shot: "Shot") -> Iterator[tuple[str, str]]:
             )
 
 
-def view_fields(shot: "Shot", speed: float | None = None) -> Iterator[tuple[str, str]]:
-    """The names and values from the camera to the rays; `speed`: million rays per second."""
+def view_fields(scene: "AnyScene", shot: "Shot", seconds: float | None = None) -> Iterator[tuple[str, str]]:
+    """The names and values from the camera to the rays; `seconds`: in which they were traced, for their speed."""
     from ..query.equal_samples import traced_samples
     from ..query.light_samples import light_samples
 
@@ -239,11 +239,12 @@ def view_fields(shot: "Shot", speed: float | None = None) -> Iterator[tuple[str,
     yield "camera", f"{camera.width}x{camera.height} from {place_text(camera.position)}"
     if frame.ground is not None:
         share = frame.ground.mask.mean()
+        height = height_text(frame.ground.height, float(np.linalg.norm(np.ptp(scene.bounds, axis=0))))
         yield (
             "ground",
-            f"at height {frame.ground.height:.3g}; {percent(share, 0)} of the picture shows its shadows",
+            f"at height {height}; {percent(share, 0)} of the picture shows its shadows",
         )
-    yield "lights", ", ".join(_light_text(light) for light in shot.lights)
+    yield "lights", ", ".join(light_text(light) for light in shot.lights)
     if not frame.mask.any():
         yield "", "the camera sees no surface"
     samples = [traced_samples(light, light_samples(light, spp, options.sampler, options.seed)) for light in shot.lights]
@@ -252,22 +253,51 @@ def view_fields(shot: "Shot", speed: float | None = None) -> Iterator[tuple[str,
     if options.bounce is not None:
         paths = f"paths of {options.bounces} " if options.bounces > 1 else ""
         finer += f", {options.bounce} {paths}bounces per pixel"
-    yield (
-        "rays",
-        f"{frame.rays:,} ({each}{finer})" + (f", {speed:.1f} million rays/s" if speed and speed >= 0.05 else ""),
-    )
+    yield "rays", f"{frame.rays:,} ({each}{finer}){speed_text(frame.rays, seconds) if seconds else ''}"
     if frame.refined is not None:
         yield "refined", f"{100.0 * _refined(frame):.3g} % of the pixels"
 
 
-def _light_text(light: "Light") -> str:
-    """The kind of a light, and its intensity with unit."""
-    from ..scene.lights import DirectionalLight
+def light_text(light: "Light") -> str:
+    """A light in words, with its sizes in world units and its intensity, such as ``square light of 2 x 2 (1 cd)``."""
+    from ..scene import lights as kinds
+    from ..scene.light_lists import DirectionalLights, LightList
+    from ..scene.sky import Sky
 
-    if light.domain == "list" or light.domain == "hemisphere":
-        return type(light).__name__
-    unit = "lux" if isinstance(light, DirectionalLight) else "cd"
-    return f"{type(light).__name__} ({light.intensity:.4g} {unit})"
+    match light:
+        case Sky():
+            return "sky"
+        case kinds.AmbientOcclusion():
+            within = light.radius is not None and np.isfinite(light.radius)
+            return "ambient occlusion" + (f" within {light.radius:.4g}" if within else "")
+        case kinds.DirectionalLight():
+            return f"sun of {light.angular_diameter:.4g} degrees ({light.intensity:.4g} lux)"
+        case kinds.QuadLight():
+            kind = f"{_quad_text(light.u, light.v)} light of {_length(light.u):.4g} x {_length(light.v):.4g}"
+        case kinds.DiskLight():
+            kind = f"disk light of radius {light.radius:.4g}"
+        case kinds.SphereLight():
+            kind = f"sphere light of radius {light.radius:.4g}"
+        case kinds.PointLight():
+            kind = "point light"
+        case LightList():
+            return counted(
+                len(light.points), "distant light" if isinstance(light, DirectionalLights) else "point light"
+            )
+        case _:
+            kind = type(light).__name__
+    return f"{kind} ({light.intensity:.4g} cd)"
+
+
+def _length(edge: NDArray[np.float64]) -> float:
+    return float(np.linalg.norm(edge))
+
+
+def _quad_text(u: NDArray[np.float64], v: NDArray[np.float64]) -> str:
+    """The shape of a parallelogram with these edges."""
+    if abs(u @ v) > 1e-6 * _length(u) * _length(v):
+        return "parallelogram"
+    return "square" if np.isclose(_length(u), _length(v), rtol=1e-6) else "rectangular"
 
 
 def ran_text(plan: "str | Plan | None", frame: "Frame") -> str:
@@ -315,7 +345,7 @@ def print_choices(shot: "Shot", scene: "AnyScene") -> None:
         predicted = duration(build_seconds(tree.tree, triangles))
     methods, measured = str(tree._replace(tracer="")) or "none", duration(frame.timings["build"])
     rows = [("tree", f"{triangles:,}", methods, tree.why, predicted, measured)]
-    names = [type(light).__name__ for light in shot.lights]
+    names = frame.names
     for i, choice in enumerate(frame.choices):
         times = duration(choice.predicted) if choice.predicted else "", duration(choice.seconds)
         strategy = choice.strategy + ", sorted" * choice.sorted
@@ -395,7 +425,7 @@ def save_render_page(
         "<h2>Picture</h2>",
         html_pairs(_facts(spec, scene, shot, saved, exposure)),
         "<h2>Lights</h2>",
-        html_table(["", "kind", "share lit", "intensity"], _lights(shot)),
+        html_table(["", "light", "share lit"], _lights(shot)),
         "<h2>Milliseconds</h2>",
         html_table(["", ""], _times(load, shot, saved)),
     ]
@@ -421,7 +451,7 @@ def _facts(
     yield "exposure", f"{exposure:.4g}"
     if scene.animated:
         yield "time", f"{shot.time:g} of {scene.duration:g} s"
-    yield from shot_fields(spec, shot)
+    yield from shot_fields(spec, scene, shot)
     for note in notes_of(scene):
         yield "note", note
 
@@ -431,7 +461,7 @@ def _lights(shot: "Shot") -> Iterator[tuple[str, list[str]]]:
     frame = shot.frame
     for name, light, share in zip(frame.names, shot.lights, frame.visibility):
         lit = f"{100.0 * float(share[frame.mask].mean()):.1f} %" if frame.mask.any() else ""
-        yield name, [type(light).__name__, lit, f"{light.intensity:.4g}"]
+        yield name, [light_text(light), lit]
 
 
 def _times(load: float, shot: "Shot", saved: SavedPicture) -> Iterator[tuple[str, list[str]]]:

@@ -16,6 +16,7 @@ from ..base import wings
 from ..base.errors import InputError
 from ..base.files import checked_folder
 from ..base.option_fields import field_values
+from ..base.wording import counted
 from ..work.estimates import telling
 from ..work.executors import LocalExecutor, traced_share
 from ..work.joint_work import both_results
@@ -114,8 +115,12 @@ class StudyRun(ProgressDisplay):
             self.written.append(str(path))
 
     def rows(self, rays: int | None = None) -> list[tuple[str, str]]:
-        """The last fields of a report: the time, with the speed if the number of `rays` is known, and the files."""
-        speed = "" if rays is None else speed_text(self.traced * rays, self.seconds)
+        """The last fields of a report: the time, with the speed if the number of `rays` is known, and the files.
+
+        Instead of the speed of few rays, it states their number.
+        """
+        traced = 0 if rays is None else round(self.traced * rays)
+        speed = speed_text(traced, self.seconds) or (f", {counted(traced, 'ray')}" if traced else "")
         return [("time", duration(self.seconds) + speed), *(("written", path) for path in self.written)]
 
     def report(self, summary: Summary, files: str | None = "outputs") -> int:

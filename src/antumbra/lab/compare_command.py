@@ -285,7 +285,7 @@ def picture_rows(report: ComparisonReport) -> Iterator[tuple[str, str]]:
     scene = report.scene
     moment = f", at {report.shot.time:g} of {scene.duration:g} s" if scene.animated else ""
     yield "scene", picture_report.scene_text(report.spec, scene) + moment
-    yield from picture_report.view_fields(report.shot)
+    yield from picture_report.view_fields(scene, report.shot)
 
 
 def print_tables(report: ComparisonReport) -> None:

@@ -411,7 +411,7 @@ class SceneData(ABC):
         """The checked index of a camera or light from the file."""
         with suppress(InputError):
             return whole_number(index, kind, 0, count - 1)
-        known = f"its {kind}s are 0 to {count - 1}" if count else "the scene has none"
+        known = {0: "the scene has none", 1: f"it has one {kind}, 0"}.get(count, f"its {kind}s are 0 to {count - 1}")
         raise InputError(f"{self.name}: there is no {kind} {quoted(index)}; {known}")
 
     def ground_height(self, time: float | None = None) -> float:

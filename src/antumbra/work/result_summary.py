@@ -35,9 +35,12 @@ def text_of(value: Any) -> str:
 
 
 def speed_text(rays: float, seconds: float) -> str:
-    """What follows the time or number of rays, such as ``, 3.4 million rays/s``; empty if they are few."""
+    """What follows the time or number of rays, such as ``, 3.4 million rays/s``.
+
+    Empty for less than a million rays, whose time is that of the preparation.
+    """
     speed = f"{rays / 1e6 / max(seconds, 1e-9):,.1f}"
-    return "" if speed == "0.0" else f", {speed} million rays/s"
+    return "" if rays < 1e6 or speed == "0.0" else f", {speed} million rays/s"
 
 
 def duration(seconds: float) -> str:
