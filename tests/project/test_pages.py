@@ -453,10 +453,8 @@ def test_pages_of_commands_begin_with_examples_and_main_options(extension):
 
 
 def test_long_signatures_are_folded_and_examples_follow_the_summary(extension):
-    pytest.importorskip("sphinx", reason="signatures are NOT checked without Sphinx")
-    from docutils import nodes
-    from sphinx import addnodes
-
+    addnodes = pytest.importorskip("sphinx.addnodes", reason="signatures are NOT checked without Sphinx")
+    nodes = pytest.importorskip("docutils.nodes")
     first = extension("examples_first")
     parameter = lambda name: addnodes.desc_parameter("", "", addnodes.desc_sig_name("", name), nodes.Text(": int"))
     only = addnodes.desc_parameter("", "", addnodes.desc_sig_operator("", "*"))
@@ -581,7 +579,15 @@ def test_long_tables_of_papers_fold_below_their_titles(extension):
     "name, parts",
     [
         ("Scene.occluded", ["tmin: numpy.typing.ArrayLike = 0.0", "targets: numpy.typing.ArrayLike | None = None"]),
-        ("render", ["scene: SceneLike", "camera: antumbra.Camera | None = None", "progress=None", "-> antumbra.Frame"]),
+        (
+            "render",
+            [
+                "scene: SceneLike",
+                "camera: antumbra.Camera | None = None",
+                "progress: collections.abc.Callable",
+                "-> antumbra.Frame",
+            ],
+        ),
         ("Place", ["latitude: float", "timezone: str | None"]),
     ],
 )

@@ -64,7 +64,7 @@ THROUGH = {
         scene/height_surveys
     """,
     "commands": """
-        cli/picture_report city/sun/calendar_command city/sun/route_command picture/picture_records web/page_command
+        city/sun/calendar_command city/sun/route_command picture/picture_records web/page_command
         version
     """,
     "the measurements of the paper": """
