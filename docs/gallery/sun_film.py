@@ -25,6 +25,5 @@ for towards in suns.directions:
     frame.save("hour.png", exposure=1.0)
     film.append(Image.open("hour.png").convert("RGB"))
 film = film[3:] + film[:3]  # begins with the long shadows of the morning
-# Each frame is whole, since parts of frames show their edges.
-whole = {"save_all": True, "kmax": 1, "quality": 74, "method": 4}
+whole = {"save_all": True, "kmax": 1, "quality": 74, "method": 4}  # parts of frames would show edges
 film[0].save("sun_film.webp", append_images=film[1:], duration=90, loop=0, **whole)
