@@ -37,6 +37,7 @@ def _builds(monkeypatch, good, best=1e6, guided=1e6):
 
 def _cones_take(monkeypatch, nanoseconds):
     """Let cones be predicted to take this time per ray."""
+    monkeypatch.setattr(auto_accelerator, "slowness", lambda tracer: 1.0)  # not as measured on this machine
     monkeypatch.setattr(TRACERS["cones"], "cost", TreelessCost(lambda features: nanoseconds, load=0.0))
 
 
