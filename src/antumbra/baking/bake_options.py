@@ -128,9 +128,7 @@ class BakeKeywords:
     keep_hidden: bool = option(False, flag, "Keep points inside solids dark.")
     """Keep the values of points inside solids. Otherwise those of visible points nearby replace them."""
     time: float = same_option(RenderOptions, "time")
-    plan: str | Plan | None = same_option(
-        EngineOptions, "plan", help="The methods of building and tracing; see antumbra plans.", note="auto"
-    )
+    plan: str | Plan | None = same_option(EngineOptions, "plan", note="auto")
     threads: int | None = same_option(EngineOptions, "threads")
 
 

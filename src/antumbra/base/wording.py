@@ -55,11 +55,16 @@ def place_text(point: Iterable[float]) -> str:
     """Coordinates of a point, ``x,y,z``, to six digits of the largest, and at least to a thousandth of a unit."""
     coordinates = [float(c) for c in point]
     largest = max((abs(c) for c in coordinates), default=0.0)
-    decimals = max(3, 5 - int(f"{largest or 1.0:e}".partition("e")[2]))
+    decimals = max(3, 5 - exponent_of_ten(largest))
     return ",".join(f"{round(c, decimals) + 0.0:.15g}" for c in coordinates)
+
+
+def exponent_of_ten(number: float) -> int:
+    """That of a number written as 1.5e-3, found without the rounding of a logarithm; 0 of zero."""
+    return int(f"{number or 1.0:e}".partition("e")[2])
 
 
 def height_text(height: float, size: float) -> str:
     """A height in a scene of a size, in the same unit, rounded to at most a thousandth of the size."""
-    decimals = max(0, 3 - int(f"{size or 1.0:e}".partition("e")[2]))
+    decimals = max(0, 3 - exponent_of_ten(size))
     return f"{round(height, decimals) + 0.0:.15g}"

@@ -59,9 +59,7 @@ class DatasetOptions:
     spp: int = same_option(RenderOptions, "spp")
     sampler: str = same_option(RenderOptions, "sampler")
     time: float = same_option(RenderOptions, "time")
-    plan: str | Plan | None = same_option(
-        EngineOptions, "plan", help="The methods of building and tracing; see antumbra plans.", note=""
-    )
+    plan: str | Plan | None = same_option(EngineOptions, "plan", note="")
     threads: int | None = same_option(EngineOptions, "threads")
     max_memory: int | None = same_option(EngineOptions, "max_memory")
     overwrite: bool = option(False, flag, "Replace finished frames, and data sets with other settings.")

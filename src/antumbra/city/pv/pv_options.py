@@ -22,9 +22,7 @@ class PvOptions:
     """Let modules shade each other and each other's sky. False: only the scene does, such as one that has them."""
     per: str = option("module", Choice(("module", "string")), "A series for each module, or for each string.")
     """A series for each module, or for each string of modules."""
-    plan: str | Plan | None = same_option(
-        EngineOptions, "plan", help="The methods of building and tracing; see antumbra plans.", note="auto"
-    )
+    plan: str | Plan | None = same_option(EngineOptions, "plan", note="auto")
     threads: int | None = same_option(EngineOptions, "threads")
 
     def __post_init__(self) -> None:

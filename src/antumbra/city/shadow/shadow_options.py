@@ -136,9 +136,7 @@ class ShadowOptions:
     """For `days`: minutes that each sun position represents."""
     place: Place | None = option(None, optional(_place))
     """None: that of the scene's CRS."""
-    plan: str | Plan | None = same_option(
-        EngineOptions, "plan", help="The methods of building and tracing; see antumbra plans.", note="auto"
-    )
+    plan: str | Plan | None = same_option(EngineOptions, "plan", note="auto")
     threads: int | None = same_option(EngineOptions, "threads")
 
     def __post_init__(self) -> None:

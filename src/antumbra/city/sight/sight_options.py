@@ -27,9 +27,7 @@ class SightOptions:
 class MatrixOptions:
     """The options of a visibility matrix, checked and immutable. Raises InputError."""
 
-    plan: str | Plan | None = same_option(
-        EngineOptions, "plan", help="The methods of building and tracing; see antumbra plans.", note="auto"
-    )
+    plan: str | Plan | None = same_option(EngineOptions, "plan", note="auto")
     time: float = same_option(RenderOptions, "time", start=0.0)
     threads: int | None = same_option(EngineOptions, "threads")
 
@@ -50,9 +48,7 @@ class VisibleOptions:
     curvature: bool = same_option(CurvatureOptions, "curvature")
     refraction: float | None = same_option(CurvatureOptions, "refraction")
     earth_radius: float | None = same_option(CurvatureOptions, "earth_radius")
-    plan: str | Plan | None = same_option(
-        EngineOptions, "plan", help="The methods of building and tracing; see antumbra plans.", note="auto"
-    )
+    plan: str | Plan | None = same_option(EngineOptions, "plan", note="auto")
     time: float = same_option(RenderOptions, "time", start=0.0)
     threads: int | None = same_option(EngineOptions, "threads")
 

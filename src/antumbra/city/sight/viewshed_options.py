@@ -85,9 +85,7 @@ class ViewshedOptions:
         False, flag, "Add how tall a target must be to be seen. For rasters of heights: the height above each cell."
     )
     """For the cells of a scene that is a raster of heights: also find how tall a thing must be in each to be seen."""
-    plan: str | Plan | None = same_option(
-        EngineOptions, "plan", help="The methods of building and tracing; see antumbra plans.", note="auto"
-    )
+    plan: str | Plan | None = same_option(EngineOptions, "plan", note="auto")
     time: float = same_option(RenderOptions, "time")
     threads: int | None = same_option(EngineOptions, "threads")
 

@@ -234,9 +234,7 @@ class SunKeywords:
     decides for DIN 5034-1 and EN 17037, the worst one for BR 209."""
     samples: int = option(1, WholeNumber(1, MOST_SAMPLES), "Sample points on the sun's disk; 1: its centre.")
     """Points on the sun's disk, 1 to 64; 1: its centre."""
-    plan: str | Plan | None = same_option(
-        EngineOptions, "plan", help="The methods of building and tracing; see antumbra plans.", note="auto"
-    )
+    plan: str | Plan | None = same_option(EngineOptions, "plan", note="auto")
     threads: int | None = same_option(EngineOptions, "threads")
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.errors import InputError
+from ...base.wording import exponent_of_ten
 from ...engine.scene import AnyScene
 from ...formats.gltf.gltf_writer import TRIANGLES, GltfWriter, Json, up_axis_transform
 from ...kernels.elementary import atan, tan
@@ -122,7 +123,7 @@ class SheetScale(NamedTuple):
             colours = np.array([each.colour for each in classes], np.uint8).repeat(-(-1024 // n), 0)
             return ColourBar(colours, [((k + 0.5) / n, each.name) for k, each in enumerate(classes)], caption)
         low, span = self.scale.low, self.scale.span or 1.0
-        digits = _DIGITS - int(f"{span:e}".partition("e")[2])  # the exponent of ten, without a logarithm's rounding
+        digits = _DIGITS - exponent_of_ten(span)
         ticks = [((tick - low) / span, f"{round(tick, digits) + 0.0:,.6g}") for tick in self.scale.ticks()]
         return ColourBar(self.scale.colours(np.linspace(low, low + span, 1024)), ticks, caption)
 

@@ -119,7 +119,7 @@ def spacing_of(sensors: Sensors) -> float:
 # --- Between the sensors of a grid ------------------------------------------------------------------------------------
 
 
-class _Grid(NamedTuple):
+class _CellGrid(NamedTuple):
     """Sensors of a surface grid."""
 
     rows: NDArray[np.int64]  # (n,): of the values
@@ -127,12 +127,12 @@ class _Grid(NamedTuple):
     normals: NDArray[np.float64]  # (n, 3)
 
 
-def _grid_of(sensors: Sensors, rows: NDArray[np.int64], corners: NDArray[np.float64]) -> _Grid:
+def _grid_of(sensors: Sensors, rows: NDArray[np.int64], corners: NDArray[np.float64]) -> _CellGrid:
     """Some sensors, moved to the faces that they were lifted off."""
     assert sensors.faces is not None and sensors.normals is not None
     points, normals = sensors.points[rows], sensors.normals[rows]
     lift = dot(points - corners[sensors.faces[rows], 0], normals)
-    return _Grid(rows, points - lift[:, None] * normals, normals)
+    return _CellGrid(rows, points - lift[:, None] * normals, normals)
 
 
 class _Cells(NamedTuple):
@@ -163,7 +163,7 @@ def _cells_of(points: NDArray[np.float64], width: float) -> _Cells:
 
 
 def _weighted(
-    grid: _Grid, values: NDArray[np.float64], cells: _Cells, places: Places, up: str, smooth: bool
+    grid: _CellGrid, values: NDArray[np.float64], cells: _Cells, places: Places, up: str, smooth: bool
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """The weighted means of the sensors around places, or the values of those with the largest weights.
 
@@ -196,7 +196,7 @@ def _weighted(
 
 
 def _weights(
-    grid: _Grid, sensor: NDArray[np.int64], places: Places, plane: tuple[np.ndarray, np.ndarray], reach: float
+    grid: _CellGrid, sensor: NDArray[np.int64], places: Places, plane: tuple[np.ndarray, np.ndarray], reach: float
 ) -> NDArray[np.float64]:
     """The bilinear weight of a sensor for each place, less where its surface is not that of the place.
 
